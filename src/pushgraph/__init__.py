@@ -1,0 +1,1 @@
+"""pushgraph: a learned physics engine for robot pushing."""

@@ -1,0 +1,25 @@
+"""Errors of pushgraph: each message says what is wrong, where, and what is valid."""
+
+
+class PushGraphError(Exception):
+    """Base of every error that pushgraph raises on purpose."""
+
+
+class SceneError(PushGraphError):
+    """A scene, or the file it came from, is not valid."""
+
+
+class TrackError(PushGraphError):
+    """A track, or the file it came from, is not valid."""
+
+
+class SimulationError(PushGraphError):
+    """The simulator cannot run this scene."""
+
+
+class SetupError(PushGraphError):
+    """A setup is unknown, or cannot be drawn with these numbers."""
+
+
+class DatasetError(PushGraphError):
+    """A dataset cannot be written, continued or read."""
