@@ -1,0 +1,440 @@
+"""Scenes: bodies, joints, a tool and its pushes on a table. SI units, radians, poses (x, y, yaw).
+
+A number that is None is unknown to the robot. See docs/scene.md for the file format.
+"""
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from pydantic import Field, StringConstraints, ValidationError, ValidationInfo, field_validator, model_validator
+
+from pushgraph import pose
+from pushgraph.contact import Contact, RoundedBox, contact, signed_gap
+from pushgraph.errors import SceneError
+from pushgraph.record import Record, explain
+
+FORMAT = "pushgraph.scene"
+VERSION = 1
+ROBOT = "robot"
+"""Name of the end-effector in tracks; no body may bear it."""
+OVERLAP = 1e-3
+"""Bodies that overlap deeper than this (m) are refused, unless one rigid group holds both."""
+
+NOMINAL_MASS = 0.6
+NOMINAL_TABLE_FRICTION = 0.45
+NOMINAL_SIDE_FRICTION = 0.25
+TRUSTED = {"trusted": True}
+"""Validation context of scenes that were checked when they were written: skips the geometry."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_. -]{0,63}$")]
+Coordinate = Annotated[float, Field(ge=-100, le=100)]
+Angle = Annotated[float, Field(ge=-100, le=100)]
+Length = Annotated[float, Field(ge=0.001, le=5)]
+Point = tuple[Coordinate, Coordinate]
+Pose = tuple[Coordinate, Coordinate, Angle]
+
+
+class Cylinder(Record):
+    """An upright cylinder."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    diameter: Length
+    height: Length = 0.10
+
+    @property
+    def core(self) -> tuple[float, float, float]:
+        """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
+        return 0.0, 0.0, self.diameter / 2
+
+
+class Cuboid(Record):
+    """An upright cuboid; `size` is its full extent along its own x and y."""
+
+    kind: Literal["cuboid"] = "cuboid"
+    size: tuple[Length, Length]
+    height: Length = 0.10
+
+    @property
+    def core(self) -> tuple[float, float, float]:
+        """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
+        return self.size[0] / 2, self.size[1] / 2, 0.0
+
+
+Shape = Annotated[Cylinder | Cuboid, Field(discriminator="kind")]
+
+
+class Body(Record):
+    """An object on the table."""
+
+    name: Name
+    shape: Shape
+    pose_world_from_body: Pose
+    mass: Annotated[float, Field(gt=0, le=1000)] | None = None
+    """kg; None: unknown."""
+    yaw_known: bool = True
+    """False where the robot cannot see how the body is turned, as with a plain cylinder."""
+
+    @field_validator("name")
+    @classmethod
+    def _not_the_robot(cls, name: str) -> str:
+        if name == ROBOT:
+            raise ValueError(f"{ROBOT!r} is the end-effector's name; choose another")
+        return name
+
+
+class Joint(Record):
+    """A joint between two bodies, given in the world frame at the bodies' poses in the scene.
+
+    What is left out follows from the geometry: see `Scene.joint_frame`.
+    """
+
+    kind: Literal["fixed", "revolute", "prismatic"]
+    parent: Name
+    child: Name
+    anchor: Point | None = None
+    axis: Point | None = None
+    """Direction in which the child slides relative to the parent (prismatic only); any length but zero."""
+    limits: tuple[Annotated[float, Field(ge=-100, le=100)], Annotated[float, Field(ge=-100, le=100)]] | None = None
+    """Lowest and highest angle (rad) or displacement (m), zero at the scene's poses."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.parent == self.child:
+            raise ValueError(f"joins {self.parent!r} to itself; parent and child must differ")
+        if self.axis is not None and self.kind != "prismatic":
+            raise ValueError(f"axis: only a prismatic joint has an axis, this one is {self.kind}")
+        if self.axis is not None and math.hypot(*self.axis) < 1e-6:
+            raise ValueError(f"axis: must be a direction of non-zero length, got {list(self.axis)}")
+        if self.limits is not None and self.kind == "fixed":
+            raise ValueError("limits: a fixed joint has none")
+        if self.limits is not None and not self.limits[0] <= 0 <= self.limits[1]:
+            raise ValueError(f"limits: must be [lowest <= 0, highest >= 0], got {list(self.limits)}")
+        return self
+
+
+class Part(Record):
+    """A part of a tool."""
+
+    shape: Shape
+    pose_tool_from_part: Pose = (0.0, 0.0, 0.0)
+
+
+class Tool(Record):
+    """What the end-effector pushes with: parts that move as one with it. They may overlap."""
+
+    parts: Annotated[tuple[Part, ...], Field(min_length=1, max_length=64)]
+
+    @classmethod
+    def round(cls, diameter: float) -> Self:
+        """A round pusher around the end-effector; diameter in m."""
+        return cls(parts=(Part(shape=Cylinder(diameter=diameter)),))
+
+    @property
+    def reach(self) -> float:
+        """Distance from the end-effector to the farthest point of the tool (m)."""
+        return max(
+            math.hypot(*part.pose_tool_from_part[:2]) + math.hypot(*part.shape.core[:2]) + part.shape.core[2]
+            for part in self.parts
+        )
+
+
+class Push(Record):
+    """A straight push: the tool comes down at `start`, moves, rests, and lifts.
+
+    Where it goes: either `end`, or `direction` (rad, in the world) and `distance` (m).
+    """
+
+    start: Point
+    end: Point | None = None
+    direction: Angle | None = None
+    distance: Annotated[float, Field(ge=0, le=5)] | None = None
+    speed: Annotated[float, Field(ge=0.001, le=2)] = 0.2
+    """Largest speed (m/s) of the end-effector; with a rotation, of any point of the tool."""
+    yaw: Angle = 0.0
+    """How the tool is turned at the start (rad)."""
+    rotation: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
+    """How far the tool turns during the push (rad, counter-clockwise)."""
+
+    @model_validator(mode="after")
+    def _one_way_to_say_where(self) -> Self:
+        polar = (self.direction is not None, self.distance is not None)
+        if any(polar) == (self.end is not None) or any(polar) != all(polar):
+            raise ValueError("needs either end, or direction and distance")
+        if self.end is not None and math.dist(self.start, self.end) > 5:
+            raise ValueError(f"end: at most 5 m from start, got {math.dist(self.start, self.end):.3g} m")
+        return self
+
+    @property
+    def displacement(self) -> tuple[float, float]:
+        """End minus start (m)."""
+        if self.end is not None:
+            return self.end[0] - self.start[0], self.end[1] - self.start[1]
+        return self.distance * math.cos(self.direction), self.distance * math.sin(self.direction)
+
+
+class Table(Record):
+    """A rectangular table top centred at its own frame; `friction` is that of the bodies' feet on it."""
+
+    size: tuple[Length, Length] = (2.0, 2.0)
+    friction: Annotated[float, Field(gt=0, le=2)] | None = NOMINAL_TABLE_FRICTION
+    pose_world_from_table: Pose = (0.0, 0.0, 0.0)
+
+    def holds(self, points_world: Float[np.ndarray, "*batch 2"]) -> np.ndarray:
+        """Whether each point lies on the table."""
+        pose_table_from_world = pose.inverse(np.asarray(self.pose_world_from_table, dtype=float))
+        points = pose.transform(pose_table_from_world, np.asarray(points_world, dtype=float))
+        return (np.abs(points) <= np.asarray(self.size) / 2).all(-1)
+
+
+class JointFrame(NamedTuple):
+    """Where a joint sits, in the world frame at the bodies' poses in the scene (m, rad)."""
+
+    anchor: Float[np.ndarray, "2"]
+    axis: Float[np.ndarray, "2"]
+    limits: tuple[float, float]
+
+
+class Scene(Record):
+    """Everything on the table, what the robot will do, and what it does not know.
+
+    Raises SceneError, naming the body and the field, if anything does not fit.
+    """
+
+    format: Literal["pushgraph.scene"] = FORMAT
+    version: Literal[1] = VERSION
+    bodies: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]
+    joints: tuple[Joint, ...] = ()
+    rigid_groups: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()
+    """Names of bodies known to be one piece; they may overlap."""
+    tool: Tool = Tool.round(0.10)
+    pushes: tuple[Push, ...] = ()
+    table: Table = Table()
+    side_friction: Annotated[float, Field(ge=0, le=2)] | None = NOMINAL_SIDE_FRICTION
+    """Between bodies, and between bodies and tool; None: unknown."""
+    unlisted_pairs: Literal["unjoined", "unknown"] = "unjoined"
+    """What is known of the pairs that `joints` and `rigid_groups` do not list."""
+
+    @model_validator(mode="after")
+    def _consistent(self, info: ValidationInfo) -> Self:
+        if not (info.context or {}).get("trusted"):
+            self._check_names()
+            self._check_places()
+        return self
+
+    def _check_names(self) -> None:
+        names = [body.name for body in self.bodies]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"bodies: the name {name!r} is used {names.count(name)} times; names must differ")
+        valid = f"valid: {', '.join(names[:20])}{', ...' if len(names) > 20 else ''}"
+        for index, joint in enumerate(self.joints):
+            for end in ("parent", "child"):
+                if getattr(joint, end) not in names:
+                    raise ValueError(f"joints[{index}].{end}: no body {getattr(joint, end)!r}; {valid}")
+        grouped: set[str] = set()
+        for index, group in enumerate(self.rigid_groups):
+            for name in group:
+                if name not in names:
+                    raise ValueError(f"rigid_groups[{index}]: no body {name!r}; {valid}")
+                if name in grouped:
+                    raise ValueError(f"rigid_groups[{index}]: body {name!r} stands twice in rigid groups")
+                grouped.add(name)
+        joined: set[frozenset[str]] = set()
+        for index, joint in enumerate(self.joints):
+            pair = frozenset((joint.parent, joint.child))
+            if pair in joined:
+                raise ValueError(f"joints[{index}]: {joint.parent!r} and {joint.child!r} are joined already")
+            if any(pair <= set(group) for group in self.rigid_groups):
+                raise ValueError(f"joints[{index}]: a rigid group holds both {joint.parent!r} and {joint.child!r}")
+            joined.add(pair)
+
+    def _check_places(self) -> None:
+        on_table = self.table.holds(np.array([body.pose_world_from_body[:2] for body in self.bodies]))
+        for body, inside in zip(self.bodies, on_table, strict=True):
+            if not inside:
+                x, y = self.table.size
+                raise ValueError(
+                    f"body {body.name!r}: pose_world_from_body: the centre stands off the table of {x:g} x {y:g} m"
+                )
+        apart = [
+            (i, j)
+            for i, j in combinations(range(len(self.bodies)), 2)
+            if not any({self.bodies[i].name, self.bodies[j].name} <= set(group) for group in self.rigid_groups)
+        ]
+        if apart:
+            gaps = self.contacts(apart).gap.numpy()
+            if gaps.min() < -OVERLAP:
+                i, j = apart[int(gaps.argmin())]
+                raise ValueError(
+                    f"bodies {self.bodies[i].name!r} and {self.bodies[j].name!r}: pose_world_from_body: they overlap "
+                    f"by {-gaps.min() * 1e3:.1f} mm; at most {OVERLAP * 1e3:g} mm is valid outside a rigid group"
+                )
+        if self.pushes:
+            gaps = tool_gaps(self.tool, np.array([[*self.pushes[0].start, self.pushes[0].yaw]]), self.bodies)[0]
+            if gaps.min() < -OVERLAP:
+                raise ValueError(
+                    f"pushes[0].start: the tool would come down on body {self.bodies[int(gaps.argmin())].name!r}, "
+                    f"{-gaps.min() * 1e3:.1f} mm deep; at most {OVERLAP * 1e3:g} mm is valid"
+                )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bodies, in order."""
+        return tuple(body.name for body in self.bodies)
+
+    @property
+    def poses_world_from_body(self) -> Float[np.ndarray, "bodies 3"]:
+        """Poses of the bodies, in order."""
+        return np.array([body.pose_world_from_body for body in self.bodies])
+
+    def contacts(self, pairs: Sequence[tuple[int, int]]) -> Contact:
+        """Contact of each pair of bodies (indices), in the frame of the first (float64)."""
+        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
+        boxes = rounded_boxes([body.shape for body in self.bodies])
+        poses = torch.from_numpy(self.poses_world_from_body)
+        return contact(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
+
+    def joint_frame(self, joint: Joint) -> JointFrame:
+        """Anchor, axis and limits of a joint, those left out drawn from the geometry.
+
+        Anchor: the midpoint of the closest points. Axis: the line of centres, parent to child. Limits: half
+        pi to either side (revolute); until the two touch, or 8 cm apart (prismatic).
+        """
+        parent, child = self.names.index(joint.parent), self.names.index(joint.child)
+        pose_parent, pose_child = self.poses_world_from_body[[parent, child]]
+        touch = self.contacts([(parent, child)])
+        midpoint = (touch.points_a[0, 0] + touch.points_b[0, 0]).numpy() / 2
+        anchor = np.array(joint.anchor) if joint.anchor else pose.transform(pose_parent, midpoint)
+        axis = np.array(joint.axis) if joint.axis else pose_child[:2] - pose_parent[:2]
+        length = np.hypot(*axis)
+        axis = axis / length if length > 1e-9 else np.array([1.0, 0.0])
+        default = {
+            "fixed": (0.0, 0.0),
+            "revolute": (-math.pi / 2, math.pi / 2),
+            "prismatic": (-max(float(touch.gap[0]), 0.0), 0.08),
+        }[joint.kind]
+        return JointFrame(anchor, axis, joint.limits or default)
+
+    def moved(self, pose_new_from_world: Sequence[float]) -> Self:
+        """Return the same scene, table and all, seen from another world frame."""
+        motion = np.asarray(pose_new_from_world, dtype=float)
+
+        def at(old: Sequence[float]) -> tuple[float, ...]:
+            return tuple(pose.compose(motion, np.asarray(old, dtype=float)).tolist())
+
+        def point(old: Point | None) -> Point | None:
+            return None if old is None else tuple(pose.transform(motion, np.asarray(old, dtype=float)).tolist())
+
+        def turned(old: Point | None) -> Point | None:
+            return None if old is None else tuple(pose.rotate(np.asarray(old, dtype=float), motion[2]).tolist())
+
+        def push(old: Push) -> Push:
+            direction = None if old.direction is None else old.direction + motion[2]
+            return old.replace(
+                start=point(old.start), end=point(old.end), direction=direction, yaw=old.yaw + motion[2]
+            )
+
+        return self.replace(
+            bodies=tuple(b.replace(pose_world_from_body=at(b.pose_world_from_body)) for b in self.bodies),
+            joints=tuple(j.replace(anchor=point(j.anchor), axis=turned(j.axis)) for j in self.joints),
+            pushes=tuple(push(p) for p in self.pushes),
+            table=self.table.replace(pose_world_from_table=at(self.table.pose_world_from_table)),
+        )
+
+    def to_json(self, indent: int | None = 2) -> str:
+        """The scene as JSON text; `from_json` reads it back bit for bit."""
+        return self.model_dump_json(indent=indent)
+
+    @classmethod
+    def from_json(cls, text: str | bytes, source: str = "scene", trusted: bool = False) -> Self:
+        """Read a scene from JSON text; `source` names it in errors. Trusted text is not checked for overlap."""
+        if not trusted:
+            _check_header(text, source)
+        try:
+            return cls.model_validate_json(text, strict=True, context=TRUSTED if trusted else None)
+        except ValidationError as error:
+            raise SceneError(explain(error, source, _parsed(text))) from None
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Self:
+        """Read a scene from a JSON file."""
+        try:
+            text = Path(path).read_bytes()
+        except OSError as error:
+            raise SceneError(f"{path}: cannot read this scene: {error.strerror}") from None
+        return cls.from_json(text, str(path))
+
+
+def _parsed(text: str | bytes) -> object:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _check_header(text: str | bytes, source: str) -> None:
+    """Refuse what is no scene, or a scene of another version, before its fields are looked at."""
+    try:
+        data = json.loads(text)
+    except RecursionError:
+        raise SceneError(f"{source}: not a scene: nested too deeply") from None
+    except ValueError as error:
+        raise SceneError(f"{source}: not valid JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise SceneError(f"{source}: a scene is a JSON object, got {type(data).__name__}")
+    if data.get("format") != FORMAT:
+        raise SceneError(f'{source}: "format" must be "{FORMAT}", got {data.get("format")!r}')
+    version = data.get("version")
+    if type(version) is int and version > VERSION:
+        raise SceneError(
+            f"{source}: written in version {version} of the scene format, newer than this pushgraph reads "
+            f"({VERSION}); update pushgraph"
+        )
+    if type(version) is not int or version != VERSION:
+        raise SceneError(f'{source}: "version" must be {VERSION}, got {version!r}')
+
+
+def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:
+    """Shapes as one batch for `pushgraph.contact` (float64)."""
+    cores = torch.tensor([shape.core for shape in shapes], dtype=torch.float64).reshape(-1, 3)
+    return RoundedBox(cores[:, :2], cores[:, 2])
+
+
+def take(boxes: RoundedBox, index: torch.Tensor) -> RoundedBox:
+    """Some rows of a batch of shapes."""
+    return RoundedBox(boxes.half_extents[index], boxes.radius[index])
+
+
+def tool_gaps(
+    tool: Tool,
+    poses_world_from_tool: Float[np.ndarray, "poses 3"],
+    bodies: Sequence[Body],
+    poses_world_from_body: Float[np.ndarray, "bodies 3"] | None = None,
+) -> Float[np.ndarray, "poses bodies"]:
+    """Signed gap (m) between the tool at each pose and each body."""
+    if poses_world_from_body is None:
+        poses_world_from_body = np.array([body.pose_world_from_body for body in bodies])
+    parts = rounded_boxes([part.shape for part in tool.parts])
+    poses_tool_from_part = np.array([part.pose_tool_from_part for part in tool.parts])
+    poses_world_from_part = torch.from_numpy(
+        pose.compose(np.asarray(poses_world_from_tool, dtype=float)[:, None], poses_tool_from_part)
+    )
+    shape = (len(poses_world_from_tool), len(bodies), len(tool.parts))
+    pose_body_from_part = pose.relative(
+        torch.from_numpy(np.asarray(poses_world_from_body, dtype=float))[None, :, None],
+        poses_world_from_part[:, None],
+    )
+    boxes = rounded_boxes([body.shape for body in bodies])
+    body_boxes = RoundedBox(
+        boxes.half_extents[None, :, None].expand(*shape, 2), boxes.radius[None, :, None].expand(shape)
+    )
+    part_boxes = RoundedBox(parts.half_extents.expand(*shape, 2), parts.radius.expand(shape))
+    return signed_gap(body_boxes, part_boxes, pose_body_from_part.expand(*shape, 3)).amin(-1).numpy()
