@@ -323,6 +323,14 @@ class Scene(Record):
         }[joint.kind]
         return JointFrame(anchor, axis, joint.limits or default)
 
+    def with_nominal_values(self) -> Self:
+        """Return the scene with every unknown mass and friction at its nominal value."""
+        return self.replace(
+            bodies=tuple(b.replace(mass=NOMINAL_MASS) if b.mass is None else b for b in self.bodies),
+            table=self.table.replace(friction=self.table.friction or NOMINAL_TABLE_FRICTION),
+            side_friction=NOMINAL_SIDE_FRICTION if self.side_friction is None else self.side_friction,
+        )
+
     def moved(self, pose_new_from_world: Sequence[float]) -> Self:
         """Return the same scene, table and all, seen from another world frame."""
         motion = np.asarray(pose_new_from_world, dtype=float)

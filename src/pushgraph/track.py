@@ -1,0 +1,223 @@
+"""Tracks: poses over time of a scene's end-effector and bodies, simulated, predicted or measured."""
+
+import csv
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import h5py
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pushgraph.errors import SceneError, TrackError
+from pushgraph.scene import ROBOT, Scene
+from pushgraph.storage import replacing
+
+FRAME = 0.05
+"""Seconds from one frame to the next."""
+LIFTED = -1
+"""Stands for the push while the tool is lifted."""
+FORMAT = "pushgraph.track"
+VERSION = 1
+COLUMNS = ("time", "node", "x", "y", "yaw", "push")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Poses of node 0, the end-effector, and of the scene's bodies in order, in the world frame.
+
+    times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is
+    under way, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
+    alone may be NaN for bodies whose yaw is not known. Raises TrackError if anything does not fit.
+    """
+
+    scene: Scene
+    times: Float[np.ndarray, " frames"]
+    poses: Float[np.ndarray, "frames nodes 3"]
+    push: Int[np.ndarray, " frames"]
+    seen: Bool[np.ndarray, "frames nodes"]
+
+    def __post_init__(self) -> None:
+        frames, nodes = len(self.times), 1 + len(self.scene.bodies)
+        if frames == 0:
+            raise TrackError("a track needs at least one frame")
+        for name, shape in (("poses", (frames, nodes, 3)), ("push", (frames,)), ("seen", (frames, nodes))):
+            if getattr(self, name).shape != shape:
+                raise TrackError(f"{name}: shape must be {shape}, got {getattr(self, name).shape}")
+        self._check_times()
+        self._check_poses()
+        valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < max(len(self.scene.pushes), 1)))
+        if not valid.all():
+            frame = int(np.argmin(valid))
+            raise TrackError(
+                f"push {self.push[frame]} at frame {frame}: valid are {LIFTED} (lifted) and the scene's pushes, "
+                f"0 to {max(len(self.scene.pushes), 1) - 1}"
+            )
+
+    def _check_times(self) -> None:
+        if not np.isfinite(self.times).all():
+            raise TrackError(f"time at frame {int(np.argmin(np.isfinite(self.times)))} is not finite")
+        steps = np.diff(self.times)
+        if (steps <= 0).any():
+            frame = int(np.argmax(steps <= 0)) + 1
+            raise TrackError(
+                f"times must rise: frame {frame} has {self.times[frame]:g} s after {self.times[frame - 1]:g} s"
+            )
+
+    def _check_poses(self) -> None:
+        finite = np.isfinite(self.poses)
+        yaw_optional = np.array([False, *(not body.yaw_known for body in self.scene.bodies)])
+        finite[..., 2] |= yaw_optional & np.isnan(self.poses[..., 2])
+        bad = self.seen & ~finite.all(-1)
+        if bad.any():
+            frame, node = np.argwhere(bad)[0]
+            raise TrackError(
+                f"pose of {self.nodes[node]!r} at {self.times[frame]:g} s is {self.poses[frame, node].tolist()}; "
+                "it must be finite, or the node marked as not seen (only a body with yaw_known false may lack yaw)"
+            )
+        if not self.seen[:, 0].all():
+            raise TrackError(f"{ROBOT!r} is missing at {self.times[int(np.argmin(self.seen[:, 0]))]:g} s")
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of the nodes."""
+        return (ROBOT, *self.scene.names)
+
+    @property
+    def down(self) -> Bool[np.ndarray, " frames"]:
+        """Whether the tool is down on the table."""
+        return self.push != LIFTED
+
+    @property
+    def push_start(self) -> Bool[np.ndarray, " frames"]:
+        """Whether a frame is the first of a push."""
+        return self.down & (self.push != np.concatenate(([LIFTED], self.push[:-1])))
+
+    @property
+    def gaps(self) -> dict[str, list[tuple[float, float]]]:
+        """For every node that was lost, the stretches (first and last time, s) in which it was not seen."""
+        lost: dict[str, list[tuple[float, float]]] = {}
+        for node, name in enumerate(self.nodes):
+            missing = np.concatenate(([False], ~self.seen[:, node], [False]))
+            edges = np.flatnonzero(missing[1:] != missing[:-1]).reshape(-1, 2)
+            if len(edges):
+                lost[name] = [(float(self.times[a]), float(self.times[b - 1])) for a, b in edges]
+        return lost
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""
+        if Path(path).suffix == ".csv":
+            self._save_csv(path)
+        else:
+            self._save_hdf5(path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike, scene: Scene | None = None) -> Self:
+        """Read HDF5, or CSV if the name ends in .csv; a CSV needs the scene."""
+        if Path(path).suffix == ".csv":
+            if scene is None:
+                raise TrackError(f"{path}: a CSV track does not hold its scene; pass one")
+            return cls._load_csv(path, scene)
+        return cls._load_hdf5(path, scene)
+
+    def _save_hdf5(self, path: str | os.PathLike) -> None:
+        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+            file.attrs.update(format=FORMAT, version=VERSION, scene=self.scene.to_json())
+            file["nodes"] = list(self.nodes)
+            for name, unit in (("times", "s"), ("poses", "x (m), y (m), yaw (rad)"), ("push", ""), ("seen", "")):
+                file.create_dataset(name, data=getattr(self, name)).attrs["unit"] = unit
+
+    @classmethod
+    def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> Self:
+        try:
+            with h5py.File(path, "r") as file:
+                if file.attrs.get("format") != FORMAT:
+                    raise TrackError(f"{path}: not a track: attribute 'format' must be {FORMAT!r}")
+                if file.attrs.get("version") != VERSION:
+                    raise TrackError(f"{path}: track version {file.attrs.get('version')}, this pushgraph reads {VERSION}")
+                scene = scene or Scene.from_json(file.attrs["scene"], f"{path}: scene")
+                nodes = [name.decode() for name in file["nodes"][()]]
+                if nodes != [ROBOT, *scene.names]:
+                    raise TrackError(f"{path}: its nodes {nodes} are not those of the scene, {[ROBOT, *scene.names]}")
+                arrays = {name: file[name][()] for name in ("times", "poses", "push", "seen")}
+            return cls(scene, **arrays)
+        except (OSError, KeyError) as error:
+            raise TrackError(f"{path}: cannot read this track, it may be truncated: {error}") from None
+        except (TrackError, SceneError) as error:
+            raise TrackError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+
+    def _save_csv(self, path: str | os.PathLike) -> None:
+        with replacing(path) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            for frame, time in enumerate(self.times.tolist()):
+                for node, name in enumerate(self.nodes):
+                    if self.seen[frame, node]:
+                        pose = ["" if math.isnan(value) else value for value in self.poses[frame, node].tolist()]
+                        writer.writerow((time, name, *pose, self.push[frame]))
+
+    @classmethod
+    def _load_csv(cls, path: str | os.PathLike, scene: Scene) -> Self:
+        try:
+            with open(path, newline="", encoding="utf-8") as file:
+                rows = list(csv.reader(file))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise TrackError(f"{path}: cannot read this track: {error}") from None
+        if not rows or tuple(name.strip() for name in rows[0]) != COLUMNS:
+            raise TrackError(f"{path}: line 1: the header must be {','.join(COLUMNS)}")
+        try:
+            return cls(scene, **_from_rows(rows[1:], (ROBOT, *scene.names)))
+        except TrackError as error:
+            raise TrackError(f"{path}: {error}") from None
+
+
+def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str, np.ndarray]:
+    """Arrays of a track from the lines of its CSV; a node without a line at some time was not seen then."""
+    times: list[float] = []
+    poses: list[np.ndarray] = []
+    push: list[int] = []
+    for line, row in enumerate(rows, start=2):
+        if not row:
+            continue
+        if len(row) != len(COLUMNS):
+            raise TrackError(f"line {line}: {len(COLUMNS)} columns are needed, got {len(row)}")
+        time = _number(row[0], line, "time")
+        name = row[1].strip()
+        if name not in nodes:
+            raise TrackError(f"line {line}: no body {name!r}; valid: {', '.join(nodes)}")
+        node = nodes.index(name)
+        if not times or time != times[-1]:
+            times.append(time)
+            poses.append(np.full((len(nodes), 3), np.nan))
+            push.append(LIFTED)
+        if not row[2].strip() and not row[3].strip():
+            continue
+        if np.isfinite(poses[-1][node, 0]):
+            raise TrackError(f"line {line}: {name!r} stands twice at {time:g} s")
+        yaw = _number(row[4], line, "yaw") if row[4].strip() else math.nan
+        poses[-1][node] = (_number(row[2], line, "x"), _number(row[3], line, "y"), yaw)
+        if name == ROBOT:
+            value = _number(row[5], line, "push")
+            if value != int(value):
+                raise TrackError(f"line {line}: push: must be a whole number, got {row[5]!r}")
+            push[-1] = int(value)
+    stacked = np.array(poses).reshape(-1, len(nodes), 3)
+    return {
+        "times": np.array(times, dtype=float),
+        "poses": stacked,
+        "push": np.array(push, dtype=np.int64),
+        "seen": np.isfinite(stacked[..., :2]).all(-1),
+    }
+
+
+def _number(text: str, line: int, column: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TrackError(f"line {line}: {column}: must be a finite number, got {text!r}; leave x, y, yaw empty if lost")
+    return value
