@@ -18,7 +18,9 @@ def _namespace(array: Array) -> ModuleType:
     return torch if isinstance(array, Tensor) else np
 
 
-def rotate(vector: Float[Array, "*#batch 2"], yaw: Float[Array, "*#batch"]) -> Float[Array, "... 2"]:
+def rotate(
+    vector: Float[Array, "*#batch 2"], yaw: Float[Array, "*#batch"] | float
+) -> Float[Array, "... 2"]:
     """Rotate vectors counter-clockwise by yaw (rad)."""
     xp = _namespace(vector)
     cos, sin = xp.cos(yaw), xp.sin(yaw)

@@ -1,11 +1,14 @@
 """Frozen, validated records, and readable errors for what does not fit them."""
 
-from typing import Any, Self
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
+from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
 from pydantic_core import ErrorDetails
 
 from pushgraph.errors import SceneError
+
+AnyRecord = TypeVar("AnyRecord", bound="Record")
 
 
 class Record(BaseModel):
@@ -23,11 +26,11 @@ class Record(BaseModel):
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_serializer(mode="wrap")
-    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_absent(self, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         fields = type(self).model_fields
         return {k: v for k, v in handler(self).items() if v is not None or fields[k].default is not None}
 
-    def replace(self, **fields: Any) -> Self:
+    def replace(self: AnyRecord, **fields: Any) -> AnyRecord:
         """Return a copy with some fields replaced, validated anew."""
         return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | fields)
 

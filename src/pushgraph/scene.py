@@ -9,12 +9,12 @@ import os
 from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from pydantic import Field, StringConstraints, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, StringConstraints, ValidationError, field_validator, model_validator
 
 from pushgraph import pose
 from pushgraph.contact import Contact, RoundedBox, contact, signed_gap
@@ -106,7 +106,7 @@ class Joint(Record):
     """Lowest and highest angle (rad) or displacement (m), zero at the scene's poses."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _consistent(self) -> "Joint":
         if self.parent == self.child:
             raise ValueError(f"joins {self.parent!r} to itself; parent and child must differ")
         if self.axis is not None and self.kind != "prismatic":
@@ -133,7 +133,7 @@ class Tool(Record):
     parts: Annotated[tuple[Part, ...], Field(min_length=1, max_length=64)]
 
     @classmethod
-    def round(cls, diameter: float) -> Self:
+    def round(cls, diameter: float) -> "Tool":
         """A round pusher around the end-effector; diameter in m."""
         return cls(parts=(Part(shape=Cylinder(diameter=diameter)),))
 
@@ -164,7 +164,7 @@ class Push(Record):
     """How far the tool turns during the push (rad, counter-clockwise)."""
 
     @model_validator(mode="after")
-    def _one_way_to_say_where(self) -> Self:
+    def _one_way_to_say_where(self) -> "Push":
         polar = (self.direction is not None, self.distance is not None)
         if any(polar) == (self.end is not None) or any(polar) != all(polar):
             raise ValueError("needs either end, or direction and distance")
@@ -223,7 +223,7 @@ class Scene(Record):
     """What is known of the pairs that `joints` and `rigid_groups` do not list."""
 
     @model_validator(mode="after")
-    def _consistent(self, info: ValidationInfo) -> Self:
+    def _consistent(self, info: Any) -> "Scene":
         if not (info.context or {}).get("trusted"):
             self._check_names()
             self._check_places()
@@ -323,7 +323,7 @@ class Scene(Record):
         }[joint.kind]
         return JointFrame(anchor, axis, joint.limits or default)
 
-    def with_nominal_values(self) -> Self:
+    def with_nominal_values(self) -> "Scene":
         """Return the scene with every unknown mass and friction at its nominal value."""
         return self.replace(
             bodies=tuple(b.replace(mass=NOMINAL_MASS) if b.mass is None else b for b in self.bodies),
@@ -331,7 +331,7 @@ class Scene(Record):
             side_friction=NOMINAL_SIDE_FRICTION if self.side_friction is None else self.side_friction,
         )
 
-    def moved(self, pose_new_from_world: Sequence[float]) -> Self:
+    def moved(self, pose_new_from_world: Sequence[float]) -> "Scene":
         """Return the same scene, table and all, seen from another world frame."""
         motion = np.asarray(pose_new_from_world, dtype=float)
 
@@ -362,7 +362,7 @@ class Scene(Record):
         return self.model_dump_json(indent=indent)
 
     @classmethod
-    def from_json(cls, text: str | bytes, source: str = "scene", trusted: bool = False) -> Self:
+    def from_json(cls, text: str | bytes, source: str = "scene", trusted: bool = False) -> "Scene":
         """Read a scene from JSON text; `source` names it in errors. Trusted text is not checked for overlap."""
         if not trusted:
             _check_header(text, source)
@@ -372,7 +372,7 @@ class Scene(Record):
             raise SceneError(explain(error, source, _parsed(text))) from None
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> Self:
+    def load(cls, path: str | os.PathLike) -> "Scene":
         """Read a scene from a JSON file."""
         try:
             text = Path(path).read_bytes()

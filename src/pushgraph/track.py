@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import h5py
 import numpy as np
@@ -115,7 +114,7 @@ class Track:
             self._save_hdf5(path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike, scene: Scene | None = None) -> Self:
+    def load(cls, path: str | os.PathLike, scene: Scene | None = None) -> "Track":
         """Read HDF5, or CSV if the name ends in .csv; a CSV needs the scene."""
         if Path(path).suffix == ".csv":
             if scene is None:
@@ -131,7 +130,7 @@ class Track:
                 file.create_dataset(name, data=getattr(self, name)).attrs["unit"] = unit
 
     @classmethod
-    def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> Self:
+    def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> "Track":
         try:
             with h5py.File(path, "r") as file:
                 if file.attrs.get("format") != FORMAT:
@@ -160,7 +159,7 @@ class Track:
                         writer.writerow((time, name, *pose, self.push[frame]))
 
     @classmethod
-    def _load_csv(cls, path: str | os.PathLike, scene: Scene) -> Self:
+    def _load_csv(cls, path: str | os.PathLike, scene: Scene) -> "Track":
         try:
             with open(path, newline="", encoding="utf-8") as file:
                 rows = list(csv.reader(file))

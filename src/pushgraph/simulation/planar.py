@@ -9,7 +9,7 @@ from jaxtyping import Float
 from pushgraph.errors import SimulationError
 from pushgraph.scene import OVERLAP, ROBOT, Push, Scene, tool_gaps
 from pushgraph.simulation.motion import ToolMotion
-from pushgraph.simulation.planar_model import TIMESTEP, build
+from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build
 from pushgraph.track import FRAME, LIFTED, Track
 
 SUBSTEPS = round(FRAME / TIMESTEP)
@@ -17,7 +17,6 @@ REST = 0.2
 """How long the tool rests at the end of a push before it lifts (s)."""
 LIFTED_FRAMES = 2
 """Frames between two pushes with the tool lifted: above the end of the last, then above the start of the next."""
-LIFT_HEIGHT = 20.0
 
 _DIVERGED = [
     int(warning)
@@ -81,7 +80,7 @@ class PlanarSimulation:
         self._record(start, index)
         for frame in range(math.ceil((motion.duration + REST) / FRAME - 1e-9)):
             for substep in range(frame * SUBSTEPS, (frame + 1) * SUBSTEPS):
-                self._place_tool(motion.pose(substep * TIMESTEP), motion.pose((substep + 1) * TIMESTEP), 0.0)
+                self._place_tool(motion.pose(substep * TIMESTEP), motion.pose((substep + 1) * TIMESTEP), down=True)
                 mujoco.mj_step(self._model, self._data)
             self._check_finite()
             self._record(motion.pose((frame + 1) * FRAME), index)
@@ -99,15 +98,15 @@ class PlanarSimulation:
             seen=np.ones(poses.shape[:2], dtype=bool),
         )
 
-    def _place_tool(self, now: np.ndarray, after_step: np.ndarray, height: float) -> None:
+    def _place_tool(self, now: np.ndarray, after_step: np.ndarray, down: bool) -> None:
         """Set the tool's pose and the velocity that brings it to its next pose in one step."""
         velocity = (after_step - now) / TIMESTEP
-        self._robot_position[:] = (now[0], now[1], height, now[2])
+        self._robot_position[:] = (now[0], now[1], -LIFT_HEIGHT if down else 0.0, now[2])
         self._robot_velocity[:] = (velocity[0], velocity[1], 0.0, velocity[2])
 
     def _step_lifted(self, pose_world_from_tool: np.ndarray) -> None:
         for _ in range(SUBSTEPS):
-            self._place_tool(pose_world_from_tool, pose_world_from_tool, LIFT_HEIGHT)
+            self._place_tool(pose_world_from_tool, pose_world_from_tool, down=False)
             mujoco.mj_step(self._model, self._data)
         self._check_finite()
 

@@ -25,6 +25,8 @@ FRAME_MASS = 1e-6
 TOLERANCE = 1e-16
 """Of the solver, as a share of the mean inertia: the robot's mass is in that, and must not hide the bodies'."""
 FOOT_RADIUS = 0.01
+LIFT_HEIGHT = 20.0
+"""Of the tool where it touches nothing (m); its joints are zero there."""
 STIFF = [2 * TIMESTEP, 1.0]
 """Time constant (s) and damping ratio of contacts and limits; the stiffest that a step resolves."""
 TABLE, SIDES = 1, 2
@@ -206,9 +208,10 @@ def _exclude_contacts(spec: mujoco.MjSpec, scene: Scene, pieces: list[int]) -> N
 
 
 def _add_robot(world: mujoco.MjsBody, scene: Scene) -> None:
-    """The end-effector with its tool: so heavy that no contact slows it, and never asleep."""
+    """The end-effector with its tool, lifted: so heavy that no contact slows it, and never asleep."""
     robot = world.add_body(
         name=ROBOT,
+        pos=[0, 0, LIFT_HEIGHT],
         explicitinertial=True,
         mass=ROBOT_MASS,
         inertia=[ROBOT_MASS] * 3,
