@@ -55,6 +55,7 @@ def test_gap_matches_shapely_and_separating_axes_over_100000_random_pairs() -> N
     )
     assert (expected < 0).mean() > 0.15
     np.testing.assert_allclose(ours.gap.numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(signed_gap(a, b, pose).numpy(), expected, atol=1e-6)
     single = contact(
         RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), pose.float()
     )

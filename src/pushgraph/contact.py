@@ -11,7 +11,7 @@ candidate, so a symmetric scene always gives the same answer.
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.pose import inverse, rotate, transform
@@ -58,12 +58,10 @@ def contact(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
     face = _best_face(a, b, pose_a_from_b)
 
-    offset = core_b - core_a
-    squared_distance = offset.square().sum(-1)
-    parted = (face.separation > 0) & (squared_distance > (32 * torch.finfo(offset.dtype).eps) ** 2)
-    distance = torch.where(parted, squared_distance, 1.0).sqrt()
-    normal = torch.where(parted[..., None], offset / distance[..., None], face.normal)
-    gap = torch.where(parted, distance, face.separation) - a.radius - b.radius
+    distance, parted = _distance(core_b - core_a, face.separation)
+    along = (core_b - core_a) / torch.where(parted, distance, 1.0)[..., None]
+    normal = torch.where(parted[..., None], along, face.normal)
+    gap = distance - a.radius - b.radius
     core_a = torch.where(parted[..., None], core_a, face.first_a)
     core_b = torch.where(parted[..., None], core_b, face.first_b)
 
@@ -91,8 +89,11 @@ def contact(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3
 def signed_gap(
     a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch"]:
-    """Return only the signed gap of each pair (m)."""
-    return contact(a, b, pose_a_from_b).gap
+    """Return only the signed gap of each pair (m), at half the cost of `contact`."""
+    core_a, core_b = _nearest_points(a, b, pose_a_from_b)
+    separation = _separations(a, b, pose_a_from_b).amax(-1)
+    distance, _ = _distance(core_b - core_a, separation)
+    return distance - a.radius - b.radius
 
 
 class _Face(NamedTuple):
@@ -104,7 +105,7 @@ class _Face(NamedTuple):
     first_b: Float[Tensor, "*batch 2"]
     ends_a: Float[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box
     ends_b: Float[Tensor, "*batch 2 2"]
-    looks_at_other: Tensor  # whether there is such a stretch
+    looks_at_other: Bool[Tensor, "*batch"]  # whether there is such a stretch
 
 
 def _corners(half_extents: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 4 2"]:
@@ -136,20 +137,32 @@ def _nearest_points(
     return _pick(points_a, nearest), _pick(points_b, nearest)
 
 
+def _distance(
+    offset: Float[Tensor, "*batch 2"], separation: Float[Tensor, "*batch"]
+) -> tuple[Float[Tensor, "*batch"], Bool[Tensor, "*batch"]]:
+    """Signed distance of two boxes, and whether it is that of their nearest points, an offset apart."""
+    squared = offset.square().sum(-1)
+    parted = (separation > 0) & (squared > (32 * torch.finfo(offset.dtype).eps) ** 2)
+    return torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation), parted
+
+
 def _separations(
-    half_extents: Float[Tensor, "*batch 2"], corners_of_other: Float[Tensor, "*batch 4 2"]
-) -> Float[Tensor, "*batch 4"]:
-    """How far the other box lies beyond each of a box's four faces, in the box's frame."""
-    lowest = (corners_of_other @ corners_of_other.new_tensor(NORMALS).T).amin(-2)
-    return lowest - torch.cat((half_extents, half_extents), -1)
+    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch 8"]:
+    """How far each box lies beyond each of the other's faces: the four of a, then the four of b."""
+
+    def beyond(box: RoundedBox, other: RoundedBox, pose_box_from_other: Tensor) -> Tensor:
+        corners = transform(pose_box_from_other[..., None, :], _corners(other.half_extents))
+        heights = torch.cat((corners, -corners), -1).amin(-2)
+        return heights - torch.cat((box.half_extents, box.half_extents), -1)
+
+    return torch.cat((beyond(a, b, pose_a_from_b), beyond(b, a, inverse(pose_a_from_b))), -1)
 
 
 def _best_face(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Face:
     pose_b_from_a = inverse(pose_a_from_b)
     with torch.no_grad():
-        beyond_a = _separations(a.half_extents, transform(pose_a_from_b[..., None, :], _corners(b.half_extents)))
-        beyond_b = _separations(b.half_extents, transform(pose_b_from_a[..., None, :], _corners(a.half_extents)))
-        best = _first_smallest(-torch.cat((beyond_a, beyond_b), -1))
+        best = _first_smallest(-_separations(a, b, pose_a_from_b))
         face_of_a = (best < 4)[..., None]
 
     # Work in the frame of the box whose face it is: height above the face, and position along it.

@@ -37,7 +37,7 @@ TRUSTED = {"trusted": True}
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_. -]{0,63}$")]
 Coordinate = Annotated[float, Field(ge=-100, le=100)]
 Angle = Annotated[float, Field(ge=-100, le=100)]
-Length = Annotated[float, Field(ge=0.001, le=5)]
+Length = Annotated[float, Field(ge=0.001, le=20)]
 Point = tuple[Coordinate, Coordinate]
 Pose = tuple[Coordinate, Coordinate, Angle]
 

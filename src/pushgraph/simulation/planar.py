@@ -78,12 +78,15 @@ class PlanarSimulation:
         self._pushes.append(push)
         index = len(self._pushes) - 1
         self._record(start, index)
+        here = start
         for frame in range(math.ceil((motion.duration + REST) / FRAME - 1e-9)):
             for substep in range(frame * SUBSTEPS, (frame + 1) * SUBSTEPS):
-                self._place_tool(motion.pose(substep * TIMESTEP), motion.pose((substep + 1) * TIMESTEP), down=True)
+                there = motion.pose((substep + 1) * TIMESTEP)
+                self._place_tool(here, there, down=True)
                 mujoco.mj_step(self._model, self._data)
+                here = there
             self._check_finite()
-            self._record(motion.pose((frame + 1) * FRAME), index)
+            self._record(here, index)
 
     def track(self) -> Track:
         """The track so far; its scene holds the pushes made so far."""

@@ -1,0 +1,69 @@
+"""Draw the joints of a scene between neighbours that stand close enough to be joined."""
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from pushgraph import pose
+from pushgraph.scene import Joint, Scene
+from pushgraph.simulation.placement import NEIGHBOUR_GAP
+
+KINDS = ("fixed", "revolute", "prismatic")
+JOINTS = (2, 6)
+"""Fewest and most joints of a scene, as far as its neighbours allow."""
+
+
+def draw_joints(rng: np.random.Generator, scene: Scene) -> tuple[Joint, ...]:
+    """Joints of equally likely kinds between random neighbours, so that joints and rigid groups form trees.
+
+    Which neighbours are joined does not depend on their gap: geometry tells nothing about joints.
+    """
+    pairs = _neighbours(scene)
+    tree = list(range(len(scene.bodies)))
+    for group in scene.rigid_groups:
+        members = [scene.names.index(name) for name in group]
+        tree = [members[0] if k in members else root for k, root in enumerate(tree)]
+    forest: list[tuple[int, int]] = []
+    for first, second in rng.permutation(pairs).tolist():
+        old, new = tree[first], tree[second]
+        if old != new:
+            tree = [new if root == old else root for root in tree]
+            forest.append((first, second))
+    fewest, most = (min(bound, len(forest)) for bound in JOINTS)
+    count = int(rng.integers(fewest, most + 1))
+    return tuple(
+        Joint(kind=KINDS[rng.integers(len(KINDS))], parent=scene.names[first], child=scene.names[second])
+        for first, second in forest[:count]
+    )
+
+
+def vary_joint(rng: np.random.Generator, scene: Scene, joint: Joint) -> Joint:
+    """The joint with its own anchor, axis and limits, near those its geometry would give it."""
+    anchor, axis, (lower, _) = scene.joint_frame(joint)
+    if joint.kind == "revolute":
+        return joint.replace(
+            anchor=tuple((anchor + rng.normal(0, 0.02, 2)).tolist()),
+            limits=(-rng.uniform(0.1, math.pi), rng.uniform(0.1, math.pi)),
+        )
+    if joint.kind == "prismatic":
+        # Turned by less than 30 degrees, the axis still parts the two, and they meet no sooner than their gap.
+        turned = pose.rotate(axis, rng.uniform(-0.5, 0.5))
+        return joint.replace(
+            axis=tuple(turned.tolist()), limits=(lower * rng.uniform(), rng.uniform(0.02, 0.15))
+        )
+    return joint
+
+
+def _neighbours(scene: Scene) -> Sequence[tuple[int, int]]:
+    grouped = [set(group) for group in scene.rigid_groups]
+    pairs = [
+        (i, j)
+        for i, j in combinations(range(len(scene.bodies)), 2)
+        if not any({scene.names[i], scene.names[j]} <= group for group in grouped)
+    ]
+    if not pairs:
+        return np.empty((0, 2), dtype=int)
+    near = scene.contacts(pairs).gap.numpy() <= NEIGHBOUR_GAP[1]
+    return np.array(pairs)[near]
