@@ -1,1 +1,41 @@
-"""pushgraph: a learned physics engine for robot pushing."""
+"""pushgraph: a learned physics engine for robot pushing.
+
+    import pushgraph as pg
+
+    scene = pg.Scene.load("scene.json")
+    track = pg.simulate(scene)
+    track.save("track.h5")
+
+Names are imported when first used, so that `import pushgraph` is quick.
+"""
+
+import importlib
+from typing import Any
+
+_MODULE_OF = {
+    **dict.fromkeys(("RoundedBox", "Contact", "contact", "signed_gap"), "pushgraph.contact"),
+    **dict.fromkeys(
+        ("Body", "Cuboid", "Cylinder", "Joint", "Part", "Push", "Scene", "Table", "Tool"), "pushgraph.scene"
+    ),
+    "Track": "pushgraph.track",
+    **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
+    "draw_trajectory": "pushgraph.simulation.setups",
+    "generate": "pushgraph.dataset.generate",
+    "Dataset": "pushgraph.dataset.store",
+    **dict.fromkeys(("WindowBatch", "WindowSampler"), "pushgraph.dataset.windows"),
+    "save_picture": "pushgraph.viewer.picture",
+    "save_animation": "pushgraph.viewer.animation",
+    "PushGraphError": "pushgraph.errors",
+}
+
+__all__ = sorted(_MODULE_OF)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'pushgraph' has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted((*globals(), *_MODULE_OF))

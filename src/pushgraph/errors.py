@@ -23,3 +23,11 @@ class SetupError(PushGraphError):
 
 class DatasetError(PushGraphError):
     """A dataset cannot be written, continued or read."""
+
+
+class StorageError(PushGraphError):
+    """A file cannot be written; what stood there before still does."""
+
+
+class ViewerError(PushGraphError):
+    """A picture or an animation cannot be made."""

@@ -1,37 +1,106 @@
-"""What happened in a track: displacement, penetration, what each push moved."""
+"""What happened in a track: displacement, penetration, what each push moved; and the same of many, as a table."""
 
+from collections import Counter
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
-from pushgraph.contact import RoundedBox, signed_gap
+from pushgraph.contact import signed_gap
 from pushgraph.pose import relative
-from pushgraph.scene import rounded_boxes, take, tool_gaps
+from pushgraph.scene import rounded_boxes, take
+from pushgraph.simulation.articulation import KINDS
+from pushgraph.simulation.setups import REJECTIONS, TOUCHED, Trajectory
 from pushgraph.track import Track
+
+OVERLAP_LIMIT = 1e-3
+"""A frame whose deepest overlap exceeds this (m) counts as overlapping."""
+COLUMNS = np.dtype(
+    [
+        ("frames", "i4"),
+        ("overlapping_frames", "i4"),
+        ("deepest_overlap_m", "f4"),
+        ("moved_bodies", "i4"),
+        ("displacement_m", "f4"),
+        ("pushes", "i4"),
+        ("effective_pushes", "i4"),
+        *((f"joints_{kind}", "i4") for kind in KINDS),
+        *((f"rejected_{name}", "i4") for name in REJECTIONS),
+    ]
+)
+"""One row a trajectory. A body has moved, and a push was effective, from 5 mm on; displacement: mean over moved bodies."""
+
+
+def summarize(trajectory: Trajectory) -> np.ndarray:
+    """One row of COLUMNS."""
+    track = trajectory.track
+    overlap = penetration(track)
+    travelled = _travelled(track.poses[0], track.poses[-1])
+    moved = travelled > TOUCHED
+    pushes = [np.flatnonzero(track.push == push) for push in range(len(track.scene.pushes))]
+    joints = Counter(joint.kind for joint in track.scene.joints)
+    row = np.zeros((), COLUMNS)
+    row["frames"] = len(track.times)
+    row["overlapping_frames"] = (overlap > OVERLAP_LIMIT).sum()
+    row["deepest_overlap_m"] = overlap.max()
+    row["moved_bodies"] = moved.sum()
+    row["displacement_m"] = travelled[moved].mean() if moved.any() else 0.0
+    row["pushes"] = len(pushes)
+    row["effective_pushes"] = sum(
+        _travelled(track.poses[frames[0]], track.poses[frames[-1]]).max() > TOUCHED for frames in pushes
+    )
+    for kind in KINDS:
+        row[f"joints_{kind}"] = joints[kind]
+    for name, reason in REJECTIONS.items():
+        row[f"rejected_{name}"] = trajectory.rejected[reason]
+    return row
+
+
+def table(rows: np.ndarray) -> Mapping[str, str]:
+    """Closing table of a dataset: a line of text for each thing a user wants to know of it."""
+    frames, bodies = rows["frames"].sum(), rows["moved_bodies"]
+    clean = 1 - rows["overlapping_frames"].sum() / frames
+    every_push = (rows["effective_pushes"] == rows["pushes"]).mean()
+    rejected = {reason: int(rows[f"rejected_{name}"].sum()) for name, reason in REJECTIONS.items()}
+    why = "; ".join(f"{reason}: {count}" for reason, count in rejected.items() if count)
+    displacement = np.average(rows["displacement_m"], weights=bodies) if bodies.any() else 0.0
+    return {
+        "trajectories": f"{len(rows)}",
+        "frames": f"{frames} ({frames / len(rows):.0f} a trajectory)",
+        "joints": ", ".join(f"{rows[f'joints_{kind}'].sum()} {kind}" for kind in KINDS),
+        "moved bodies": f"{bodies.mean():.1f} a trajectory, by {displacement * 100:.1f} cm on average",
+        "pushes": f"{every_push:.1%} of trajectories have every push move a body by {TOUCHED * 1e3:g} mm",
+        "penetration": f"at most {OVERLAP_LIMIT * 1e3:g} mm in {clean:.3%} of frames, "
+        f"deepest {rows['deepest_overlap_m'].max() * 1e3:.2f} mm",
+        "rejected scenes": f"{sum(rejected.values())}" + (f" ({why})" if why else ""),
+    }
 
 
 def penetration(track: Track) -> Float[np.ndarray, " frames"]:
-    """Deepest overlap (m) in each frame, of two bodies that are not one piece or of a body with the tool."""
+    """Deepest overlap (m) in each frame of two bodies that are not one piece."""
     scene = track.scene
-    together = [set(group) for group in scene.rigid_groups] + [
-        {joint.parent, joint.child} for joint in scene.joints if joint.kind == "fixed"
-    ]
+    pieces = [set(group) for group in scene.rigid_groups]
     pairs = [
         (i, j)
         for i, j in combinations(range(len(scene.bodies)), 2)
-        if not any({scene.names[i], scene.names[j]} <= group for group in together)
+        if not any({scene.names[i], scene.names[j]} <= piece for piece in pieces)
     ]
-    boxes = rounded_boxes([body.shape for body in scene.bodies])
     deepest = np.zeros(len(track.times))
+    if not pairs:
+        return deepest
+    boxes = rounded_boxes([body.shape for body in scene.bodies])
     poses = torch.from_numpy(track.poses[:, 1:])
-    if pairs:
-        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
-        reach = boxes.half_extents.norm(dim=-1) + boxes.radius
-        distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
-        frame, pair = torch.nonzero(distance < (reach[first] + reach[second]), as_tuple=True)
-        a, b = first[pair], second[pair]
-        gaps = signed_gap(take(boxes, a), take(boxes, b), relative(poses[frame, a], poses[frame, b]))
-        np.maximum.at(deepest, frame.numpy(), -gaps.numpy())
+    first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
+    reach = boxes.half_extents.norm(dim=-1) + boxes.radius
+    distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
+    frame, pair = torch.nonzero(distance < reach[first] + reach[second], as_tuple=True)
+    a, b = first[pair], second[pair]
+    gaps = signed_gap(take(boxes, a), take(boxes, b), relative(poses[frame, a], poses[frame, b]))
+    np.maximum.at(deepest, frame.numpy(), -gaps.numpy())
     return deepest
+
+
+def _travelled(before: np.ndarray, after: np.ndarray) -> Float[np.ndarray, " bodies"]:
+    return np.hypot(*(after - before)[1:, :2].T)

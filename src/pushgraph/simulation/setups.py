@@ -31,6 +31,14 @@ TABLE_SIDE = 2.0
 """Of the table (m), larger for more than a dozen objects."""
 ATTEMPTS = 100
 
+REJECTIONS = {
+    "room": "no room for a body",
+    "push": "no push reaches a body",
+    "table": "a body left the table",
+    "diverged": "the simulation diverged",
+}
+"""Why a drawn scene comes to nothing."""
+
 Density = Literal["dense", "sparse"]
 
 
@@ -109,13 +117,13 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
             drawn = plan(rng, objects)
             return Trajectory(_push_around(rng, drawn), drawn.density, rejected)
         except NoRoom:
-            rejected["no room for a body"] += 1
+            rejected[REJECTIONS["room"]] += 1
         except NoPush:
-            rejected["no push reaches a body"] += 1
+            rejected[REJECTIONS["push"]] += 1
         except _LeftTable:
-            rejected["a body left the table"] += 1
+            rejected[REJECTIONS["table"]] += 1
         except SimulationError:
-            rejected["the simulation diverged"] += 1
+            rejected[REJECTIONS["diverged"]] += 1
     raise SetupError(
         f"setup {setup!r} with {objects} objects: {ATTEMPTS} scenes in a row came to nothing "
         f"({', '.join(f'{reason}: {count}' for reason, count in rejected.items())}); use fewer objects"

@@ -1,0 +1,151 @@
+"""Generate a dataset: blocks of trajectories side by side, each kept as soon as it is done, then one file."""
+
+import contextlib
+import dataclasses
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from pushgraph.dataset.engines import ENGINES
+from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.errors import DatasetError
+from pushgraph.simulation.setups import draw_trajectory, find_setup
+from pushgraph.storage import replacing
+
+BLOCK = 16
+"""Trajectories of a block: what a kill may lose, for each worker."""
+SPARE = 32 * 2**20
+"""Bytes of disk left free when the blocks become one file."""
+
+
+def generate(
+    setup: str,
+    objects: int,
+    count: int,
+    seed: int,
+    out: str | os.PathLike,
+    workers: int = 1,
+    engine: str = "processes",
+    progress: Callable[[int], None] = lambda done: None,
+) -> Path:
+    """Write `count` trajectories of a setup to `out`; the same arguments give the same bytes, however often killed.
+
+    Finished blocks wait in the folder `OUT.parts`; the same call goes on from there. `progress` is told how
+    many trajectories are done. Raises DatasetError if `out` or its parts are of another recipe, another
+    process is at them, or the disk is full; nothing is overwritten then.
+    """
+    find_setup(setup)
+    if engine not in ENGINES:
+        raise DatasetError(f"no engine {engine!r}; valid: {', '.join(ENGINES)}")
+    for name, value, least in (("objects", objects, 1), ("count", count, 1), ("seed", seed, 0), ("workers", workers, 1)):
+        if value < least:
+            raise DatasetError(f"{name}: must be at least {least}, got {value}")
+    out = Path(out)
+    recipe = Recipe(setup=setup, objects=objects, seed=seed, first=0, count=count)
+    if out.exists():
+        _check_finished(out, recipe)
+        progress(count)
+        return out
+    with _parts_folder(out, recipe) as parts:
+        blocks = [dataclasses.replace(recipe, first=k, count=min(BLOCK, count - k)) for k in range(0, count, BLOCK)]
+        missing = [block for block in blocks if not _is_whole(_part(parts, block), block)]
+        done = count - sum(block.count for block in missing)
+        progress(done)
+        for block, columns in ENGINES[engine](draw_block, missing, workers):
+            write(_part(parts, block), block, len(columns.push), len(columns.poses), [columns])
+            done += block.count
+            progress(done)
+        _join(out, recipe, [_part(parts, block) for block in blocks])
+    shutil.rmtree(parts)
+    return out
+
+
+def draw_block(block: Recipe) -> Columns:
+    """Draw the trajectories of one block."""
+    return Columns.of(
+        [
+            draw_trajectory(block.setup, block.objects, block.seed, index)
+            for index in range(block.first, block.first + block.count)
+        ]
+    )
+
+
+def _check_finished(out: Path, recipe: Recipe) -> None:
+    with Dataset(out) as dataset:
+        differences = recipe.differences(dataset.recipe)
+    if differences:
+        raise DatasetError(f"{out}: holds another dataset ({differences}); choose another --out, or remove it first")
+
+
+@contextlib.contextmanager
+def _parts_folder(out: Path, recipe: Recipe) -> Iterator[Path]:
+    """The folder of finished blocks, checked to be of this recipe and locked against other processes."""
+    parts = out.with_name(out.name + ".parts")
+    try:
+        parts.mkdir(parents=True, exist_ok=True)
+        with (parts / "lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise DatasetError(f"{parts}: another process is generating this dataset") from None
+            _check_recipe(parts, recipe)
+            yield parts
+    except OSError as error:
+        raise DatasetError(f"{error.filename or parts}: {error.strerror}. Nothing was overwritten") from None
+
+
+def _check_recipe(parts: Path, recipe: Recipe) -> None:
+    path = parts / "recipe.json"
+    if not path.exists():
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(dataclasses.asdict(recipe), indent=2))
+        return
+    try:
+        begun = Recipe(**json.loads(path.read_text()))
+    except (ValueError, TypeError):
+        raise DatasetError(f"{path}: damaged; remove the folder to begin anew") from None
+    differences = recipe.differences(begun)
+    if differences:
+        raise DatasetError(
+            f"{parts}: holds the beginning of another dataset ({differences}); run the command it was begun with, "
+            "choose another --out, or remove the folder"
+        )
+
+
+def _part(parts: Path, block: Recipe) -> Path:
+    return parts / f"from_{block.first:08d}.h5"
+
+
+def _is_whole(path: Path, block: Recipe) -> bool:
+    if not path.exists():
+        return False
+    try:
+        with Dataset(path) as part:
+            part.columns(0, len(part))
+            return part.recipe == block
+    except DatasetError:
+        return False
+
+
+def _join(out: Path, recipe: Recipe, parts: list[Path]) -> None:
+    needed = sum(part.stat().st_size for part in parts) + SPARE
+    free = shutil.disk_usage(out.parent).free
+    if free < needed:
+        raise DatasetError(
+            f"{out}: the disk has {free / 2**20:.0f} MiB left, {needed / 2**20:.0f} MiB are needed to join the blocks; "
+            "free some space and run the same command again"
+        )
+    frames = rows = 0
+    for part in parts:
+        with Dataset(part) as dataset:
+            frames, rows = frames + int(dataset.frame_offset[-1]), rows + int(dataset.pose_offset[-1])
+
+    def stretches() -> Iterator[Columns]:
+        for part in parts:
+            with Dataset(part) as dataset:
+                yield dataset.columns(0, len(dataset))
+
+    write(out, recipe, frames, rows, stretches())

@@ -1,0 +1,118 @@
+"""Draw scenes from above with matplotlib: the parts that pictures and animations share."""
+
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.transforms import Affine2D
+
+from pushgraph import pose
+from pushgraph.scene import Cuboid, Cylinder, Joint, Scene
+from pushgraph.track import Track
+
+PALETTE = matplotlib.colormaps["tab10"].colors
+TOOL_COLOUR = "#333333"
+JOINT_MARKS = {
+    "fixed": {"marker": "s", "color": "black"},
+    "revolute": {"marker": "o", "color": "white"},
+    "prismatic": {"marker": "D", "color": "gold"},
+}
+
+
+class SceneArtist:
+    """A scene on the axes, to be moved from frame to frame: bodies, joints and the tool."""
+
+    def __init__(self, axes: Axes, scene: Scene) -> None:
+        group_of = {name: group[0] for group in scene.rigid_groups for name in group}
+        colours = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(scene.names)}
+        self._bodies = [
+            _BodyArtist(axes, body.shape, body.name, fc=(*colours[group_of.get(body.name, body.name)], 0.6))
+            for body in scene.bodies
+        ]
+        self._joints = [_JointArtist(axes, scene, joint) for joint in scene.joints]
+        self._tool = [
+            (np.asarray(part.pose_tool_from_part, dtype=float), _Movable(axes, outline(part.shape, fc=TOOL_COLOUR)))
+            for part in scene.tool.parts
+        ]
+
+    def move(self, poses: Float[np.ndarray, "nodes 3"], down: bool) -> None:
+        """Show one frame of a track; the tool is faint while lifted, a body that was not seen is hidden."""
+        for body, pose_world_from_body in zip(self._bodies, poses[1:], strict=True):
+            body.move(pose_world_from_body)
+        for joint in self._joints:
+            joint.move(poses[1:])
+        for pose_tool_from_part, patch in self._tool:
+            patch.move(pose.compose(poses[0], pose_tool_from_part))
+            patch.artist.set_alpha(0.85 if down else 0.15)
+
+
+class _Movable:
+    def __init__(self, axes: Axes, artist: Patch | Line2D) -> None:
+        self._axes, self.artist = axes, artist
+        axes.add_artist(artist)
+
+    def move(self, pose_world: Float[np.ndarray, "3"]) -> None:
+        x, y, yaw = np.nan_to_num(pose_world)
+        self.artist.set_visible(bool(np.isfinite(pose_world[:2]).all()))
+        self.artist.set_transform(Affine2D().rotate(yaw).translate(x, y) + self._axes.transData)
+
+
+class _BodyArtist:
+    """The outline of a body, a line that shows how it is turned, and its name."""
+
+    def __init__(self, axes: Axes, shape: Cylinder | Cuboid, name: str, **style: object) -> None:
+        half_x, _, radius = shape.core
+        heading = Line2D([0, half_x + radius], [0, 0], color="black", lw=0.8, alpha=0.5)
+        self._parts = [_Movable(axes, outline(shape, **style)), _Movable(axes, heading)]
+        self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
+
+    def move(self, pose_world_from_body: Float[np.ndarray, "3"]) -> None:
+        for part in self._parts:
+            part.move(pose_world_from_body)
+        self._label.set_visible(bool(np.isfinite(pose_world_from_body[:2]).all()))
+        self._label.set_position(np.nan_to_num(pose_world_from_body[:2]))
+
+
+class _JointArtist:
+    """A mark at the anchor of a joint, which the parent carries along."""
+
+    def __init__(self, axes: Axes, scene: Scene, joint: Joint) -> None:
+        self._parent = scene.names.index(joint.parent)
+        pose_body_from_world = pose.inverse(scene.poses_world_from_body[self._parent])
+        self._anchor_in_parent = pose.transform(pose_body_from_world, scene.joint_frame(joint).anchor)
+        (self._mark,) = axes.plot([], [], ms=6, mec="black", zorder=5, **JOINT_MARKS[joint.kind])
+
+    def move(self, poses_world_from_body: Float[np.ndarray, "bodies 3"]) -> None:
+        x, y = pose.transform(poses_world_from_body[self._parent], self._anchor_in_parent)
+        self._mark.set_data([x], [y])
+
+
+def outline(shape: Cylinder | Cuboid, **style: object) -> Patch:
+    """The shape seen from above, at the origin of its own frame."""
+    half_x, half_y, radius = shape.core
+    style = {"ec": "black", "lw": 0.8} | style
+    if radius:
+        return Circle((0, 0), radius, **style)
+    return Polygon([(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)], **style)
+
+
+def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for track in tracks:
+        radii = [track.scene.tool.reach, *(np.hypot(*body.shape.core[:2]) + body.shape.core[2] for body in track.scene.bodies)]
+        positions = track.poses[..., :2]
+        low = np.minimum(low, np.nanmin(positions - np.array(radii)[:, None], axis=(0, 1)))
+        high = np.maximum(high, np.nanmax(positions + np.array(radii)[:, None], axis=(0, 1)))
+    centre, half = (low + high) / 2, (high - low).max() / 2 + margin
+    return centre[0] - half, centre[0] + half, centre[1] - half, centre[1] + half
+
+
+def prepare(axes: Axes, limits: tuple[float, float, float, float], title: str) -> None:
+    """A square view in metres."""
+    axes.set(xlim=limits[:2], ylim=limits[2:], aspect="equal", xlabel="x (m)", ylabel="y (m)", title=title)
+    axes.grid(alpha=0.2)

@@ -1,0 +1,51 @@
+"""A picture of a track: the scene and the planned pushes on the left, where everything ended on the right."""
+
+import os
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pushgraph.storage import replacing
+from pushgraph.track import Track
+from pushgraph.viewer.drawing import JOINT_MARKS, PALETTE, TOOL_COLOUR, SceneArtist, prepare, view_limits
+
+
+def save_picture(track: Track, path: str | os.PathLike) -> None:
+    """Write a picture of a track; the ending of the name says which kind (png, pdf, svg)."""
+    figure = Figure(figsize=(11, 6), layout="constrained")
+    before, after = figure.subplots(1, 2)
+    limits = view_limits([track])
+    seconds = track.times[-1] - track.times[0]
+    prepare(before, limits, "Start, and the planned pushes")
+    prepare(after, limits, f"After {seconds:.1f} s, with the paths taken")
+    SceneArtist(before, track.scene).move(track.poses[0], down=True)
+    _draw_pushes(before, track)
+    _draw_paths(after, track)
+    SceneArtist(after, track.scene).move(track.poses[-1], down=True)
+    handles = [Line2D([], [], ls="-", color=TOOL_COLOUR, marker=">", label="push of the tool")]
+    kinds = sorted({joint.kind for joint in track.scene.joints})
+    handles += [
+        Line2D([], [], ls="", markeredgecolor="black", label=f"{kind} joint", **JOINT_MARKS[kind]) for kind in kinds
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _draw_pushes(axes: Axes, track: Track) -> None:
+    for number, push in enumerate(track.scene.pushes, start=1):
+        start, end = np.array(push.start), np.array(push.start) + push.displacement
+        axes.annotate(
+            "", end, start, arrowprops={"arrowstyle": "-|>", "color": TOOL_COLOUR, "lw": 1.5}, zorder=6
+        )
+        axes.text(*start, f" {number}", color="white", fontsize=8, weight="bold", ha="center", va="center", zorder=7)
+        axes.plot(*start, "o", ms=10, color=TOOL_COLOUR, zorder=6)
+
+
+def _draw_paths(axes: Axes, track: Track) -> None:
+    for node in range(1, len(track.nodes)):
+        axes.plot(*track.poses[:, node, :2].T, color=PALETTE[(node - 1) % len(PALETTE)], lw=1.2)
+    tool = np.where(track.down[:, None], track.poses[:, 0, :2], np.nan)
+    axes.plot(*tool.T, color=TOOL_COLOUR, lw=1, ls=":")
