@@ -331,7 +331,7 @@ class Scene(Record):
             side_friction=NOMINAL_SIDE_FRICTION if self.side_friction is None else self.side_friction,
         )
 
-    def moved(self, pose_new_from_world: Sequence[float]) -> "Scene":
+    def moved(self, pose_new_from_world: Sequence[float] | np.ndarray) -> "Scene":
         """Return the same scene, table and all, seen from another world frame."""
         motion = np.asarray(pose_new_from_world, dtype=float)
 

@@ -1,10 +1,10 @@
 """Draw the joints of a scene between neighbours that stand close enough to be joined."""
 
 import math
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Int
 
 from pushgraph import pose
 from pushgraph.scene import Joint, Scene
@@ -56,7 +56,7 @@ def vary_joint(rng: np.random.Generator, scene: Scene, joint: Joint) -> Joint:
     return joint
 
 
-def _neighbours(scene: Scene) -> Sequence[tuple[int, int]]:
+def _neighbours(scene: Scene) -> Int[np.ndarray, "pairs 2"]:
     grouped = [set(group) for group in scene.rigid_groups]
     pairs = [
         (i, j)
@@ -64,6 +64,6 @@ def _neighbours(scene: Scene) -> Sequence[tuple[int, int]]:
         if not any({scene.names[i], scene.names[j]} <= group for group in grouped)
     ]
     if not pairs:
-        return np.empty((0, 2), dtype=int)
+        return np.empty((0, 2), dtype=np.int64)
     near = scene.contacts(pairs).gap.numpy() <= NEIGHBOUR_GAP[1]
     return np.array(pairs)[near]

@@ -53,9 +53,9 @@ def place_cluster(
 
 
 def scatter_clusters(
-    rng: np.random.Generator, clusters: Sequence[tuple[Shapes, Float[np.ndarray, "bodies 3"]]], half_width: float
-) -> list[Float[np.ndarray, "bodies 3"]]:
-    """Move clusters apart to random places in a square around the origin, well clear of each other."""
+    rng: np.random.Generator, clusters: Sequence[tuple[Shapes, np.ndarray]], half_width: float
+) -> Float[np.ndarray, "bodies 3"]:
+    """Move clusters, each with its poses, to random places in a square around the origin, clear of each other."""
     radii = [max(np.hypot(*p[:2]) + reach(s) for s, p in zip(*cluster, strict=True)) for cluster in clusters]
     centres: list[np.ndarray] = []
     for radius in radii:
@@ -66,10 +66,9 @@ def scatter_clusters(
         if not clear.any():
             raise NoRoom
         centres.append(places[clear.argmax()])
-    return [
-        np.column_stack((poses[:, :2] + centre, poses[:, 2]))
-        for (_, poses), centre in zip(clusters, centres, strict=True)
-    ]
+    return np.vstack(
+        [poses + [*centre, 0.0] for (_, poses), centre in zip(clusters, centres, strict=True)]
+    )
 
 
 def _beside(

@@ -216,7 +216,7 @@ def _place(rng: np.random.Generator, shapes: list, pieces: list[int], density: D
             last += 1
         clusters.append((shapes[first:last], place_cluster(rng, shapes[first:last], pieces[first:last])))
         first = last
-    return np.vstack(scatter_clusters(rng, clusters, half_width=0.17 * math.sqrt(len(shapes))))
+    return scatter_clusters(rng, clusters, half_width=0.17 * math.sqrt(len(shapes)))
 
 
 def _scene(

@@ -1,0 +1,74 @@
+"""Data flows one way: no module imports one that comes after it."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "pushgraph"
+ORDER = [
+    "errors",
+    "storage",
+    "record",
+    "pose",
+    "contact",
+    "scene",
+    "track",
+    "simulation",
+    "dataset",
+    "evaluation",
+    "viewer",
+    "cli",
+]
+
+
+def imported_rooms(path: Path) -> set[str]:
+    rooms = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "pushgraph":
+            parts = node.module.split(".")
+            rooms |= {parts[1]} if len(parts) > 1 else {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            rooms |= {alias.name.split(".")[1] for alias in node.names if alias.name.startswith("pushgraph.")}
+    return rooms
+
+
+def test_no_module_imports_backwards() -> None:
+    seen = set()
+    for path in sorted(SOURCE.rglob("*.py")):
+        room = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue
+        seen.add(room)
+        backwards = {other for other in imported_rooms(path) if ORDER.index(other) > ORDER.index(room)}
+        assert not backwards, f"{path.name} imports {backwards}"
+    assert seen == set(ORDER)
+
+
+def test_only_the_simulation_imports_mujoco() -> None:
+    for path in SOURCE.rglob("*.py"):
+        if "simulation" not in path.parts:
+            assert not re.search(r"^\s*(import|from) mujoco", path.read_text(), re.M), path
+
+
+def test_importing_pushgraph_is_quick_and_every_public_name_exists() -> None:
+    code = "import time; t = time.time(); import pushgraph; print(time.time() - t)"
+    took = float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+    assert took < 2
+    import pushgraph
+
+    assert all(getattr(pushgraph, name) is not None for name in pushgraph.__all__)
+
+
+def test_every_dependency_is_explained_and_pinned() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *(d for extra in project["optional-dependencies"].values() for d in extra)]
+    names = {re.match(r"[\w-]+", requirement)[0].lower() for requirement in wanted}
+    explained = (ROOT / "docs" / "dependencies.md").read_text().lower()
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in (ROOT / "constraints.txt").read_text().split()}
+    for name in names:
+        assert name in explained, name
+        assert name in pinned, name

@@ -1,0 +1,169 @@
+"""Scenes: what is valid, what the errors say, JSON in and out."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scenes import body, workshop
+
+from pushgraph import pose
+from pushgraph.errors import SceneError
+from pushgraph.scene import Body, Cuboid, Cylinder, Joint, Part, Push, Scene, Table, Tool
+
+
+def test_json_reads_back_bit_for_bit() -> None:
+    scene = workshop()
+    assert Scene.from_json(scene.to_json()) == scene
+    assert Scene.from_json(scene.to_json(indent=None)) == scene
+    third = scene.moved((0.1, 0.2, 1 / 3))
+    assert Scene.from_json(third.to_json()) == third
+
+
+def test_unknown_values_survive_json() -> None:
+    scene = workshop().replace(table=Table(friction=None), side_friction=None, unlisted_pairs="unknown")
+    scene = scene.replace(bodies=tuple(b.replace(mass=None, yaw_known=False) for b in scene.bodies))
+    assert Scene.from_json(scene.to_json()) == scene
+
+
+def test_the_published_schema_is_the_code_s() -> None:
+    published = json.loads((Path(__file__).parents[1] / "docs" / "scene.schema.json").read_text())
+    assert published == Scene.model_json_schema()
+
+
+def test_scenes_are_immutable() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        workshop().bodies[0].mass = 3.0
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Cylinder(diameter=-0.1), r"diameter: Input should be greater than or equal to 0.001, got -0.1"),
+        (lambda: Cuboid(size=(0.1, math.nan)), r"size\[1\]: Input should be a finite number, got nan"),
+        (lambda: body("a", math.inf, 0), r"body.* 'a'|pose_world_from_body\[0\]: Input should be"),
+        (lambda: body("a", 0, 0, mass=0.0), r"mass: Input should be greater than 0, got 0.0"),
+        (lambda: body("robot", 0, 0), r"name: 'robot' is the end-effector's name"),
+        (lambda: body("", 0, 0), r"name: String should match pattern"),
+        (lambda: Joint(kind="ball", parent="a", child="b"), r"kind: Input should be 'fixed', 'revolute' or 'prismatic'"),
+        (lambda: Joint(kind="fixed", parent="a", child="a"), r"joins 'a' to itself"),
+        (lambda: Joint(kind="fixed", parent="a", child="b", axis=(1, 0)), r"axis: only a prismatic joint"),
+        (lambda: Joint(kind="prismatic", parent="a", child="b", axis=(0, 0)), r"axis: must be a direction"),
+        (lambda: Joint(kind="fixed", parent="a", child="b", limits=(0, 1)), r"limits: a fixed joint has none"),
+        (lambda: Joint(kind="revolute", parent="a", child="b", limits=(1, 2)), r"limits: must be \[lowest <= 0"),
+        (lambda: Push(start=(0, 0)), r"needs either end, or direction and distance"),
+        (lambda: Push(start=(0, 0), end=(1, 0), direction=0.0), r"needs either end, or direction and distance"),
+        (lambda: Push(start=(0, 0), direction=0.0), r"needs either end, or direction and distance"),
+        (lambda: Push(start=(0, 0), end=(1, 0), speed=0), r"speed: Input should be greater than or equal to 0.001"),
+        (lambda: Tool(parts=()), r"parts: Tuple should have at least 1 item"),
+        (lambda: Scene(bodies=()), r"bodies: Tuple should have at least 1 item"),
+        (lambda: Scene(bodies=(body("a", 0, 0),), gravity=1), r"gravity: unknown field"),
+        (lambda: Scene(bodies=(body("a", 0, 0), body("a", 1, 0))), r"the name 'a' is used 2 times"),
+        (lambda: Scene(bodies=(body("a", 1.2, 0),)), r"body 'a': pose_world_from_body: the centre stands off the table"),
+        (
+            lambda: Scene(bodies=(body("a", 0, 0), body("b", 0.1, 0))),
+            r"bodies 'a' and 'b': pose_world_from_body: they overlap by 20.0 mm; at most 1 mm",
+        ),
+        (
+            lambda: workshop().replace(joints=(Joint(kind="fixed", parent="plate", child="nut"),)),
+            r"joints\[0\].child: no body 'nut'; valid: plate, lid, cup, handle",
+        ),
+        (
+            lambda: workshop().replace(
+                joints=(
+                    Joint(kind="fixed", parent="plate", child="lid"),
+                    Joint(kind="revolute", parent="lid", child="plate"),
+                )
+            ),
+            r"joints\[1\]: 'lid' and 'plate' are joined already",
+        ),
+        (
+            lambda: workshop().replace(joints=(Joint(kind="fixed", parent="cup", child="handle"),)),
+            r"joints\[0\]: a rigid group holds both",
+        ),
+        (lambda: workshop().replace(rigid_groups=(("cup", "nut"),)), r"rigid_groups\[0\]: no body 'nut'"),
+        (lambda: workshop().replace(rigid_groups=(("cup", "handle"), ("cup", "lid"))), r"'cup' stands twice"),
+        (
+            lambda: workshop().replace(pushes=(Push(start=(0, 0), end=(0.1, 0)),)),
+            r"pushes\[0\].start: the tool would come down on body 'plate'",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_named(build, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        build()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"mass": 0.3', '"mass": -0.3', r"scene.json: bodies\[1\] 'lid': mass: Input should be greater than 0, got -0.3"),
+        ('"mass": 0.3', '"mass": NaN', r"bodies\[1\] 'lid': mass: Input should be a finite number"),
+        ('"mass": 0.3', '"mass": "0.3"', r"bodies\[1\] 'lid': mass: Input should be a valid number, got '0.3'"),
+        ('"mass": 0.3', '"mass": true', r"bodies\[1\] 'lid': mass: Input should be a valid number"),
+        ('"diameter": 0.12', '"diameter": 1e999', r"bodies\[2\] 'cup': shape.diameter: Input should be"),
+        ('"kind": "cylinder"', '"kind": "ball"', r"bodies\[2\] 'cup': shape: Input tag 'ball'.*'cylinder', 'cuboid'"),
+        ('"size"', '"sizes"', r"bodies\[0\] 'plate': shape.size: Field required"),
+        ('"version": 1', '"version": 2', r"version 2 of the scene format, newer than this pushgraph reads \(1\)"),
+        ('"version": 1', '"version": "1"', r'"version" must be 1'),
+        ("pushgraph.scene", "pushgraph.track", r'"format" must be "pushgraph.scene"'),
+        ('"bodies"', '"bodies', r"scene.json: not valid JSON: .*line"),
+    ],
+)
+def test_a_file_with_a_fault_is_refused_by_body_and_field(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = workshop().to_json()
+    assert old in text
+    path = tmp_path / "scene.json"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(SceneError, match=message):
+        Scene.load(path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "3", "null", '"scene"', "{}", "[" * 100_000, "\x00", '{"format": 1}'])
+def test_what_is_no_scene_is_refused(text: str) -> None:
+    with pytest.raises(SceneError):
+        Scene.from_json(text)
+
+
+def test_overlap_inside_a_rigid_group_and_a_millimetre_elsewhere_are_legal() -> None:
+    workshop()
+    Scene(bodies=(body("a", 0, 0), body("b", 0.1192, 0)))
+
+
+def test_joint_frame_follows_from_the_geometry() -> None:
+    scene = Scene(
+        bodies=(body("a", 0, 0), body("b", 0.14, 0)), joints=(Joint(kind="prismatic", parent="a", child="b"),)
+    )
+    anchor, axis, limits = scene.joint_frame(scene.joints[0])
+    np.testing.assert_allclose(anchor, [0.07, 0])
+    np.testing.assert_allclose(axis, [1, 0])
+    np.testing.assert_allclose(limits, [-0.02, 0.08])
+    hinge = Joint(kind="revolute", parent="b", child="a", anchor=(0.1, 0.2), limits=(-0.1, 0.2))
+    anchor, _, limits = scene.joint_frame(hinge)
+    np.testing.assert_allclose(anchor, [0.1, 0.2])
+    assert limits == (-0.1, 0.2)
+    assert scene.joint_frame(hinge.replace(limits=None)).limits == (-math.pi / 2, math.pi / 2)
+
+
+def test_moving_a_scene_moves_everything_in_it() -> None:
+    scene, motion = workshop(), np.array([3.0, -2.0, 0.7])
+    moved = scene.moved(motion)
+    np.testing.assert_allclose(moved.poses_world_from_body, pose.compose(motion, scene.poses_world_from_body))
+    before, after = scene.joint_frame(scene.joints[0]), moved.joint_frame(moved.joints[0])
+    np.testing.assert_allclose(after.anchor, pose.transform(motion, before.anchor))
+    np.testing.assert_allclose(after.axis, pose.rotate(before.axis, 0.7))
+    for old, new in zip(scene.pushes, moved.pushes, strict=True):
+        np.testing.assert_allclose(new.displacement, pose.rotate(np.array(old.displacement), 0.7))
+    assert moved.table.holds(np.array([[3.0, -2.0]])).all()
+
+
+def test_tool_reach_is_that_of_its_farthest_corner() -> None:
+    tool = Tool(parts=(Part(shape=Cuboid(size=(0.06, 0.08)), pose_tool_from_part=(-0.3, 0.0, 0.2)),))
+    assert tool.reach == pytest.approx(0.35)
+    assert Tool.round(0.1).reach == pytest.approx(0.05)
+
+
+def test_a_body_needs_no_mass() -> None:
+    assert Body(name="a", shape=Cylinder(diameter=0.1), pose_world_from_body=(0, 0, 0)).mass is None
