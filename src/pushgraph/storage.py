@@ -5,6 +5,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import h5py
+
 from pushgraph.errors import StorageError
 
 
@@ -29,3 +31,17 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def replacing_hdf5(path: str | os.PathLike) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file, made in memory, that becomes `path` on success; see `replacing`.
+
+    In memory, because the HDF5 library crashes the process if the disk is full when it closes a file.
+    """
+    with h5py.File("in memory", "w", driver="core", backing_store=False) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    with replacing(path) as temporary:
+        temporary.write_bytes(image)

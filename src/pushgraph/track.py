@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.scene import ROBOT, Scene
-from pushgraph.storage import replacing
+from pushgraph.storage import replacing, replacing_hdf5
 
 FRAME = 0.05
 """Seconds from one frame to the next."""
@@ -123,7 +123,7 @@ class Track:
         return cls._load_hdf5(path, scene)
 
     def _save_hdf5(self, path: str | os.PathLike) -> None:
-        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        with replacing_hdf5(path) as file:
             file.attrs.update(format=FORMAT, version=VERSION, scene=self.scene.to_json())
             file["nodes"] = list(self.nodes)
             for name, unit in (("times", "s"), ("poses", "x (m), y (m), yaw (rad)"), ("push", ""), ("seen", "")):

@@ -15,7 +15,7 @@ from pushgraph.errors import DatasetError
 from pushgraph.simulation.setups import draw_trajectory, find_setup
 from pushgraph.storage import replacing
 
-BLOCK = 16
+BLOCK = 8
 """Trajectories of a block: what a kill may lose, for each worker."""
 SPARE = 32 * 2**20
 """Bytes of disk left free when the blocks become one file."""

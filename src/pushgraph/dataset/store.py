@@ -24,7 +24,7 @@ from pushgraph.dataset.summary import COLUMNS, summarize
 from pushgraph.errors import DatasetError
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import Trajectory
-from pushgraph.storage import replacing
+from pushgraph.storage import replacing_hdf5
 from pushgraph.track import FRAME, Track
 
 FORMAT = "pushgraph.dataset"
@@ -94,15 +94,7 @@ def write(path: str | os.PathLike, recipe: Recipe, frames: int, rows: int, colum
 
     Raises StorageError if the disk is full or refuses; the target is then as it was.
     """
-    with replacing(path) as temporary:
-        try:
-            _write(temporary, recipe, frames, rows, columns)
-        except RuntimeError as error:  # how h5py reports a failure while it closes a file
-            raise OSError(str(error)) from None
-
-
-def _write(path: Path, recipe: Recipe, frames: int, rows: int, columns: Iterable[Columns]) -> None:
-    with h5py.File(path, "w", libver="v110") as file:
+    with replacing_hdf5(path) as file:
         file.attrs.update(format=FORMAT, version=VERSION, frame_s=FRAME, **dataclasses.asdict(recipe))
         chunk = min(ROWS_PER_CHUNK, rows)
         stored = {
