@@ -1,0 +1,43 @@
+"""Errors of a rollout against the truth."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pushgraph.pose import wrap_angle
+from pushgraph.track import Track
+
+MOVED = 0.01
+"""An object whose true position changes by more than this (m) counts as moved."""
+
+
+class RolloutError:
+    """Errors of the first `frames` frames of a rollout, frame 0 its start; the robot is left out.
+
+    Raises ValueError if either track is shorter.
+    """
+
+    def __init__(self, predicted: Track, true: Track, frames: int) -> None:
+        if min(len(predicted.times), len(true.times)) < frames:
+            raise ValueError(f"both tracks need {frames} frames, got {len(predicted.times)} and {len(true.times)}")
+        difference = predicted.poses[:frames, 1:] - true.poses[:frames, 1:]
+        self._distance = np.hypot(difference[..., 0], difference[..., 1])
+        self.final_yaw: Float[np.ndarray, " objects"] = np.abs(wrap_angle(difference[-1, :, 2]))
+        """Yaw error of each object at the last frame (rad)."""
+        displacement = true.poses[frames - 1, 1:, :2] - true.poses[0, 1:, :2]
+        self.displacement: Float[np.ndarray, " objects"] = np.hypot(*displacement.T)
+        """How far each object truly is from where it started (m)."""
+
+    @property
+    def mean(self) -> float:
+        """Mean over frames and objects of the position error (m): the paper's error of a trajectory."""
+        return float(self._distance.mean())
+
+    @property
+    def final(self) -> Float[np.ndarray, " objects"]:
+        """Position error of each object at the last frame (m)."""
+        return self._distance[-1]
+
+    @property
+    def moved(self) -> Bool[np.ndarray, " objects"]:
+        """Which objects truly moved by more than 1 cm."""
+        return self.displacement > MOVED

@@ -1,0 +1,75 @@
+"""The noise floor: the simulator against itself, started a little beside the truth.
+
+Pushing is chaotic, so no predictor that sees the start with some noise can do better than this.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pushgraph import pose
+from pushgraph.errors import SceneError, SimulationError
+from pushgraph.scene import Joint, Scene
+from pushgraph.simulation.planar import LIFTED_FRAMES, simulate
+from pushgraph.track import Track
+
+ATTEMPTS = 200
+
+
+class StartNoise(NamedTuple):
+    """Standard deviations of the noise on the start of every body."""
+
+    position: float
+    """m, along x and along y"""
+    yaw: float
+    """rad"""
+
+
+CAMERA = StartNoise(1e-3, np.radians(0.5))
+"""What a tag camera sees; the noise floor of the evaluations."""
+
+
+def simulate_again(track: Track, frames: int, noise: StartNoise, rng: np.random.Generator) -> Track | None:
+    """Simulate the pushes that begin in the first `frames` frames again, from a noisy start.
+
+    None if a tool would come down on a body that the noise has led elsewhere.
+    """
+    # Frames of the lifted tool exist only before a push, so a stretch that ends in them needs the next push.
+    begun = int(track.push[: frames + LIFTED_FRAMES].max()) + 1
+    scene = track.scene.replace(pushes=track.scene.pushes[:begun])
+    for _ in range(ATTEMPTS):
+        try:
+            disturbed = disturb(scene, noise, rng)
+        except SceneError:  # bodies a millimetre apart that the noise pressed into each other
+            continue
+        try:
+            return simulate(disturbed)
+        except SimulationError:
+            return None
+    return None
+
+
+def disturb(scene: Scene, noise: StartNoise, rng: np.random.Generator) -> Scene:
+    """The scene with noise on every body's pose; joints keep their place in their parent.
+
+    Raises SceneError if bodies then overlap.
+    """
+    spread = np.array([noise.position, noise.position, noise.yaw])
+    old = scene.poses_world_from_body
+    new = old + rng.normal(size=old.shape) * spread
+
+    def carried(joint: Joint) -> Joint:
+        parent = scene.names.index(joint.parent)
+        frame = scene.joint_frame(joint)
+        anchor = pose.transform(new[parent], pose.transform(pose.inverse(old[parent]), frame.anchor))
+        axis = pose.rotate(frame.axis, new[parent, 2] - old[parent, 2])
+        return joint.replace(
+            anchor=tuple(anchor.tolist()),
+            axis=tuple(axis.tolist()) if joint.kind == "prismatic" else None,
+            limits=frame.limits if joint.kind != "fixed" else None,
+        )
+
+    bodies = tuple(
+        body.replace(pose_world_from_body=tuple(place)) for body, place in zip(scene.bodies, new.tolist(), strict=True)
+    )
+    return scene.replace(bodies=bodies, joints=tuple(carried(joint) for joint in scene.joints))
