@@ -1,6 +1,6 @@
 """The simulator against itself: how far it ends from where it ended, started with a little noise.
 
-    .venv/bin/python benchmarks/noise_floor.py --count 300 --out noise_floor
+.venv/bin/python benchmarks/noise_floor.py --count 300 --out noise_floor
 """
 
 import functools
@@ -91,7 +91,13 @@ def main(
             for density in ("all", "dense", "sparse"):
                 chosen = [scenes[k] for k in range(count) if density in ("all", scenes[k][0])]
                 errors = [found[noise, frames] for _, found in chosen if found[noise, frames] is not None]
-                labels = {"objects": objects, "frames": frames, "density": density, "noise": noise, "scenes": len(errors)}
+                labels = {
+                    "objects": objects,
+                    "frames": frames,
+                    "density": density,
+                    "noise": noise,
+                    "scenes": len(errors),
+                }
                 for metric, (unit, statistic) in METRICS.items():
                     results.add("noise_floor", metric, unit, errors, statistic, **labels)
     results.save(out / "results.json")

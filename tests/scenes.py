@@ -1,6 +1,8 @@
 """Small scenes that several tests use."""
 
-from pushgraph.scene import Body, Cuboid, Cylinder, Joint, Push, Scene
+from pushgraph.scene import Body, Joint, Scene
+from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.tool import Push
 
 
 def body(name: str, x: float, y: float, shape=None, yaw: float = 0.0, mass: float | None = 0.5) -> Body:

@@ -50,15 +50,11 @@ def test_gap_matches_shapely_and_separating_axes_over_100000_random_pairs() -> N
     ours = contact(a, b, pose)
     half_a, half_b = a.half_extents.numpy(), b.half_extents.numpy()
     radii = (a.radius + b.radius).numpy()
-    expected = np.array(
-        [reference_gap(*row) for row in zip(half_a, half_b, pose.numpy(), radii, strict=True)]
-    )
+    expected = np.array([reference_gap(*row) for row in zip(half_a, half_b, pose.numpy(), radii, strict=True)])
     assert (expected < 0).mean() > 0.15
     np.testing.assert_allclose(ours.gap.numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(signed_gap(a, b, pose).numpy(), expected, atol=1e-6)
-    single = contact(
-        RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), pose.float()
-    )
+    single = contact(RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), pose.float())
     np.testing.assert_allclose(single.gap.numpy(), expected, atol=1e-5)
 
 

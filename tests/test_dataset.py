@@ -218,9 +218,7 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing_behind(tmp_path: Path) 
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
-    done = subprocess.run(
-        command(tmp_path / "data.h5", workers=1), capture_output=True, text=True, preexec_fn=no_room
-    )
+    done = subprocess.run(command(tmp_path / "data.h5", workers=1), capture_output=True, text=True, preexec_fn=no_room)
     assert done.returncode == 1
     assert "cannot be written" in done.stderr
     assert "Traceback" not in done.stderr
@@ -230,7 +228,10 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing_behind(tmp_path: Path) 
 
 def test_too_little_space_to_join_is_said_beforehand(small: Path, tmp_path: Path, monkeypatch) -> None:
     out = tmp_path / "data.h5"
-    with monkeypatch.context() as patch, pytest.raises(DatasetError, match=r"MiB left, .* needed .*run the same command"):
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(DatasetError, match=r"MiB left, .* needed .*run the same command"),
+    ):
         patch.setattr(generation, "SPARE", 2**60)
         generate(**SMALL, out=out)
     generate(**SMALL, out=out)

@@ -15,6 +15,8 @@ ORDER = [
     "record",
     "pose",
     "contact",
+    "shape",
+    "tool",
     "scene",
     "track",
     "simulation",

@@ -61,8 +61,9 @@ def break_joint(scene: dict, rng: random.Random) -> None:
     joint = scene["joints"][0]
     field, value = rng.choice(
         [
-            ("parent", "nobody"), ("child", "nobody"), ("child", "plate"), ("parent", 1), ("kind", "ball"), ("kind", None),
-            ("axis", [1, 0]), ("limits", [0.1, 0.2]), ("limits", [-1]), ("limits", [None, 1]), ("anchor", [0]),
+            ("parent", "nobody"), ("child", "nobody"), ("child", "plate"), ("parent", 1), ("kind", "ball"),
+            ("kind", None), ("axis", [1, 0]),
+            ("limits", [0.1, 0.2]), ("limits", [-1]), ("limits", [None, 1]), ("anchor", [0]),
             ("anchor", ["a", "b"]), ("limits", "wide"),
         ]
     )  # fmt: skip
@@ -76,13 +77,23 @@ def close_a_cycle(scene: dict, rng: random.Random) -> None:
 
 
 def break_group(scene: dict, rng: random.Random) -> None:
-    scene["rigid_groups"] = rng.choice([[["cup"]], [["cup", "nobody"]], [["cup", "cup"]], [[]], "cup", [None], {"a": 1}])
+    scene["rigid_groups"] = rng.choice(
+        [[["cup"]], [["cup", "nobody"]], [["cup", "cup"]], [[]], "cup", [None], {"a": 1}]
+    )
 
 
 def break_push(scene: dict, rng: random.Random) -> None:
     push = rng.choice(scene["pushes"])
     field, value = rng.choice(
-        [("start", None), ("start", [0]), ("speed", 0), ("speed", -1), ("speed", "fast"), ("rotation", 100), ("yaw", "left")]
+        [
+            ("start", None),
+            ("start", [0]),
+            ("speed", 0),
+            ("speed", -1),
+            ("speed", "fast"),
+            ("rotation", 100),
+            ("yaw", "left"),
+        ]
         + [("distance", -1), ("distance", None), ("end", [50, 50]), ("end", [0, "a"]), ("speed", 1e300)]
     )
     if field in ("distance", "end"):
@@ -95,7 +106,9 @@ def push_from_inside_a_body(scene: dict, rng: random.Random) -> None:
 
 
 def break_tool(scene: dict, rng: random.Random) -> None:
-    scene["tool"] = rng.choice([None, {}, {"parts": []}, {"parts": [{}]}, {"parts": None}, [], {"parts": [3]}, "finger"])
+    scene["tool"] = rng.choice(
+        [None, {}, {"parts": []}, {"parts": [{}]}, {"parts": None}, [], {"parts": [3]}, "finger"]
+    )
 
 
 def break_table(scene: dict, rng: random.Random) -> None:
@@ -119,7 +132,9 @@ def drop_a_field(scene: dict, rng: random.Random) -> None:
 
 
 def add_a_field(scene: dict, rng: random.Random) -> None:
-    record = rng.choice([scene, scene["bodies"][0], scene["bodies"][0]["shape"], scene["joints"][0], scene["pushes"][0]])
+    record = rng.choice(
+        [scene, scene["bodies"][0], scene["bodies"][0]["shape"], scene["joints"][0], scene["pushes"][0]]
+    )
     record[rng.choice(["colour", "Mass", "masse", "", "diameters"])] = 1
 
 
@@ -144,8 +159,8 @@ def replace_the_whole(scene: dict, rng: random.Random) -> str:
 
 MUTATIONS: list[Mutation] = [
     set_size, set_height, set_mass, set_pose, overlap, duplicate, rename, break_joint, close_a_cycle, break_group,
-    break_push, push_from_inside_a_body, break_tool, break_table, drop_a_field, add_a_field, change_the_version, truncate,
-    garble, replace_the_whole,
+    break_push, push_from_inside_a_body, break_tool, break_table, drop_a_field, add_a_field, change_the_version,
+    truncate, garble, replace_the_whole,
 ]  # fmt: skip
 
 

@@ -11,7 +11,9 @@ from scenes import body, workshop
 
 from pushgraph import pose
 from pushgraph.errors import SceneError
-from pushgraph.scene import Body, Cuboid, Cylinder, Joint, Part, Push, Scene, Table, Tool
+from pushgraph.scene import Body, Joint, Scene, Table
+from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.tool import Part, Push, Tool
 
 
 def test_json_reads_back_bit_for_bit() -> None:
@@ -47,7 +49,10 @@ def test_scenes_are_immutable() -> None:
         (lambda: body("a", 0, 0, mass=0.0), r"mass: Input should be greater than 0, got 0.0"),
         (lambda: body("robot", 0, 0), r"name: 'robot' is the end-effector's name"),
         (lambda: body("", 0, 0), r"name: String should match pattern"),
-        (lambda: Joint(kind="ball", parent="a", child="b"), r"kind: Input should be 'fixed', 'revolute' or 'prismatic'"),
+        (
+            lambda: Joint(kind="ball", parent="a", child="b"),
+            r"kind: Input should be 'fixed', 'revolute' or 'prismatic'",
+        ),
         (lambda: Joint(kind="fixed", parent="a", child="a"), r"joins 'a' to itself"),
         (lambda: Joint(kind="fixed", parent="a", child="b", axis=(1, 0)), r"axis: only a prismatic joint"),
         (lambda: Joint(kind="prismatic", parent="a", child="b", axis=(0, 0)), r"axis: must be a direction"),
@@ -61,7 +66,10 @@ def test_scenes_are_immutable() -> None:
         (lambda: Scene(bodies=()), r"bodies: Tuple should have at least 1 item"),
         (lambda: Scene(bodies=(body("a", 0, 0),), gravity=1), r"gravity: unknown field"),
         (lambda: Scene(bodies=(body("a", 0, 0), body("a", 1, 0))), r"the name 'a' is used 2 times"),
-        (lambda: Scene(bodies=(body("a", 1.2, 0),)), r"body 'a': pose_world_from_body: the centre stands off the table"),
+        (
+            lambda: Scene(bodies=(body("a", 1.2, 0),)),
+            r"body 'a': pose_world_from_body: the centre stands off the table",
+        ),
         (
             lambda: Scene(bodies=(body("a", 0, 0), body("b", 0.1, 0))),
             r"bodies 'a' and 'b': pose_world_from_body: they overlap by 20.0 mm; at most 1 mm",
@@ -99,7 +107,11 @@ def test_what_does_not_fit_is_named(build, message: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"mass": 0.3', '"mass": -0.3', r"scene.json: bodies\[1\] 'lid': mass: Input should be greater than 0, got -0.3"),
+        (
+            '"mass": 0.3',
+            '"mass": -0.3',
+            r"scene.json: bodies\[1\] 'lid': mass: Input should be greater than 0, got -0.3",
+        ),
         ('"mass": 0.3', '"mass": NaN', r"bodies\[1\] 'lid': mass: Input should be a finite number"),
         ('"mass": 0.3', '"mass": "0.3"', r"bodies\[1\] 'lid': mass: Input should be a valid number, got '0.3'"),
         ('"mass": 0.3', '"mass": true', r"bodies\[1\] 'lid': mass: Input should be a valid number"),

@@ -9,7 +9,8 @@ import pytest
 
 from pushgraph.dataset.summary import penetration
 from pushgraph.errors import SetupError
-from pushgraph.scene import Cuboid, Cylinder, Scene
+from pushgraph.scene import Scene
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.articulation import draw_joints
 from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import SETUPS, Plan, draw_trajectory, multiple_parts, varied

@@ -7,10 +7,12 @@ import pytest
 
 from pushgraph.errors import SimulationError
 from pushgraph.pose import inverse, relative, transform
-from pushgraph.scene import Body, Cuboid, Cylinder, Joint, Part, Push, Scene, Table, Tool
+from pushgraph.scene import Body, Joint, Scene, Table
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar import PlanarSimulation, simulate
 from pushgraph.simulation.planar_model import TIMESTEP, build, mean_radius
+from pushgraph.tool import Part, Push, Tool
 
 GRAVITY = 9.81
 
@@ -120,10 +122,7 @@ def test_table_1_revolute_the_lower_turns_about_the_upper() -> None:
     scene = two_touching("revolute", y=-0.1, gap=0.01)
     track = simulate(scene)
     anchor = scene.joint_frame(scene.joints[0]).anchor
-    ends = [
-        transform(track.poses[:, node], transform(inverse(track.poses[0, node]), anchor)[None])
-        for node in (1, 2)
-    ]
+    ends = [transform(track.poses[:, node], transform(inverse(track.poses[0, node]), anchor)[None]) for node in (1, 2)]
     assert np.abs(ends[0] - ends[1]).max() < 1e-9
     turned = track.poses[:, 2, 2] - track.poses[:, 1, 2]
     assert turned[-1] > 0.5
@@ -145,9 +144,7 @@ def test_nothing_tips_or_sinks_and_hardly_overlaps() -> None:
     from pushgraph.dataset.summary import penetration
 
     shapes = [Cylinder(diameter=0.1), Cuboid(size=(0.1, 0.14))]
-    bodies = tuple(
-        body(f"b{k}", 0.15 * (k % 3), 0.15 * (k // 3), shapes[k % 2], mass=0.2 + 0.1 * k) for k in range(9)
-    )
+    bodies = tuple(body(f"b{k}", 0.15 * (k % 3), 0.15 * (k // 3), shapes[k % 2], mass=0.2 + 0.1 * k) for k in range(9))
     pushes = (Push(start=(-0.25, 0.15), end=(0.1, 0.15)), Push(start=(0.15, -0.3), end=(0.15, 0.0)))
     simulation = PlanarSimulation(Scene(bodies=bodies, pushes=pushes))
     for push in pushes:
@@ -179,9 +176,7 @@ def test_a_rotating_composite_tool_sweeps_its_part_exactly() -> None:
             Part(shape=Cuboid(size=(0.2, 0.02)), pose_tool_from_part=(0.12, 0.0, 0.0)),
         )
     )
-    scene = Scene(
-        bodies=(body("a", 0.15, 0.08),), tool=hammer, pushes=(Push(start=(0, 0), end=(0, 0), rotation=1.2),)
-    )
+    scene = Scene(bodies=(body("a", 0.15, 0.08),), tool=hammer, pushes=(Push(start=(0, 0), end=(0, 0), rotation=1.2),))
     track = simulate(scene)
     assert np.abs(track.poses[:, 0, :2]).max() == 0
     assert track.poses[-1, 0, 2] == pytest.approx(1.2)
@@ -236,7 +231,10 @@ def test_a_rigid_group_moves_as_one_and_its_parts_may_overlap() -> None:
             ),
             "close a cycle",
         ),
-        (Scene(bodies=(Body(name="a", shape=Cylinder(diameter=0.1), pose_world_from_body=(0, 0, 0)),)), "mass of body 'a'"),
+        (
+            Scene(bodies=(Body(name="a", shape=Cylinder(diameter=0.1), pose_world_from_body=(0, 0, 0)),)),
+            "mass of body 'a'",
+        ),
         (two_touching("none", table=Table(friction=None)), "table.friction"),
         (
             two_touching("none").replace(

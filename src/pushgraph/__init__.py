@@ -14,9 +14,9 @@ from typing import Any
 
 _MODULE_OF = {
     **dict.fromkeys(("RoundedBox", "Contact", "contact", "signed_gap"), "pushgraph.contact"),
-    **dict.fromkeys(
-        ("Body", "Cuboid", "Cylinder", "Joint", "Part", "Push", "Scene", "Table", "Tool"), "pushgraph.scene"
-    ),
+    **dict.fromkeys(("Cuboid", "Cylinder"), "pushgraph.shape"),
+    **dict.fromkeys(("Part", "Push", "Tool"), "pushgraph.tool"),
+    **dict.fromkeys(("Body", "Joint", "Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "draw_trajectory": "pushgraph.simulation.setups",
@@ -28,7 +28,7 @@ _MODULE_OF = {
     "PushGraphError": "pushgraph.errors",
 }
 
-__all__ = sorted(_MODULE_OF)  # noqa: PLE0605
+__all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:

@@ -86,9 +86,7 @@ def contact(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3
     )
 
 
-def signed_gap(
-    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]
-) -> Float[Tensor, "*batch"]:
+def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
     """Return only the signed gap of each pair (m), at half the cost of `contact`."""
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
     separation = _separations(a, b, pose_a_from_b).amax(-1)
@@ -146,9 +144,7 @@ def _distance(
     return torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation), parted
 
 
-def _separations(
-    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]
-) -> Float[Tensor, "*batch 8"]:
+def _separations(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 8"]:
     """How far each box lies beyond each of the other's faces: the four of a, then the four of b."""
 
     def beyond(box: RoundedBox, other: RoundedBox, pose_box_from_other: Tensor) -> Tensor:
@@ -180,9 +176,7 @@ def _best_face(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batc
     # The other box's nearest face joins its lowest corner to the lower of that corner's two neighbours.
     lowest = _first_smallest(height)
     neighbours = torch.stack(((lowest + 1) % 4, (lowest + 3) % 4), -1)
-    second_lowest = neighbours.take_along_dim(
-        _first_smallest(height.take_along_dim(neighbours, -1))[..., None], -1
-    )
+    second_lowest = neighbours.take_along_dim(_first_smallest(height.take_along_dim(neighbours, -1))[..., None], -1)
     edge = torch.cat((lowest[..., None], second_lowest), -1)
     edge_along, edge_height = along.take_along_dim(edge, -1), height.take_along_dim(edge, -1)
     separation = edge_height[..., 0]

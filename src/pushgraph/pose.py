@@ -18,9 +18,7 @@ def _namespace(array: Array) -> ModuleType:
     return torch if isinstance(array, Tensor) else np
 
 
-def rotate(
-    vector: Float[Array, "*#batch 2"], yaw: Float[Array, "*#batch"] | float
-) -> Float[Array, "... 2"]:
+def rotate(vector: Float[Array, "*#batch 2"], yaw: Float[Array, "*#batch"] | float) -> Float[Array, "... 2"]:
     """Rotate vectors counter-clockwise by yaw (rad)."""
     xp = _namespace(vector)
     cos, sin = xp.cos(yaw), xp.sin(yaw)
@@ -52,9 +50,7 @@ def relative(
     return _namespace(position).concatenate((position, difference[..., 2:]), axis=-1)
 
 
-def transform(
-    pose_a_from_b: Float[Array, "*#batch 3"], points_b: Float[Array, "*#batch 2"]
-) -> Float[Array, "... 2"]:
+def transform(pose_a_from_b: Float[Array, "*#batch 3"], points_b: Float[Array, "*#batch 2"]) -> Float[Array, "... 2"]:
     """Map points given in frame b to frame a."""
     return pose_a_from_b[..., :2] + rotate(points_b, pose_a_from_b[..., 2])
 

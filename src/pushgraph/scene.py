@@ -20,6 +20,8 @@ from pushgraph import pose
 from pushgraph.contact import Contact, RoundedBox, contact, signed_gap
 from pushgraph.errors import SceneError
 from pushgraph.record import Record, explain
+from pushgraph.shape import Length, Point, Pose, Shape, rounded_boxes, take
+from pushgraph.tool import Push, Tool
 
 FORMAT = "pushgraph.scene"
 VERSION = 1
@@ -35,40 +37,6 @@ TRUSTED = {"trusted": True}
 """Validation context of scenes that were checked when they were written: skips the geometry."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_. -]{0,63}$")]
-Coordinate = Annotated[float, Field(ge=-100, le=100)]
-Angle = Annotated[float, Field(ge=-100, le=100)]
-Length = Annotated[float, Field(ge=0.001, le=20)]
-Point = tuple[Coordinate, Coordinate]
-Pose = tuple[Coordinate, Coordinate, Angle]
-
-
-class Cylinder(Record):
-    """An upright cylinder."""
-
-    kind: Literal["cylinder"] = "cylinder"
-    diameter: Length
-    height: Length = 0.10
-
-    @property
-    def core(self) -> tuple[float, float, float]:
-        """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
-        return 0.0, 0.0, self.diameter / 2
-
-
-class Cuboid(Record):
-    """An upright cuboid; `size` is its full extent along its own x and y."""
-
-    kind: Literal["cuboid"] = "cuboid"
-    size: tuple[Length, Length]
-    height: Length = 0.10
-
-    @property
-    def core(self) -> tuple[float, float, float]:
-        """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
-        return self.size[0] / 2, self.size[1] / 2, 0.0
-
-
-Shape = Annotated[Cylinder | Cuboid, Field(discriminator="kind")]
 
 
 class Body(Record):
@@ -118,66 +86,6 @@ class Joint(Record):
         if self.limits is not None and not self.limits[0] <= 0 <= self.limits[1]:
             raise ValueError(f"limits: must be [lowest <= 0, highest >= 0], got {list(self.limits)}")
         return self
-
-
-class Part(Record):
-    """A part of a tool."""
-
-    shape: Shape
-    pose_tool_from_part: Pose = (0.0, 0.0, 0.0)
-
-
-class Tool(Record):
-    """What the end-effector pushes with: parts that move as one with it. They may overlap."""
-
-    parts: Annotated[tuple[Part, ...], Field(min_length=1, max_length=64)]
-
-    @classmethod
-    def round(cls, diameter: float) -> "Tool":
-        """A round pusher around the end-effector; diameter in m."""
-        return cls(parts=(Part(shape=Cylinder(diameter=diameter)),))
-
-    @property
-    def reach(self) -> float:
-        """Distance from the end-effector to the farthest point of the tool (m)."""
-        return max(
-            math.hypot(*part.pose_tool_from_part[:2]) + math.hypot(*part.shape.core[:2]) + part.shape.core[2]
-            for part in self.parts
-        )
-
-
-class Push(Record):
-    """A straight push: the tool comes down at `start`, moves, rests, and lifts.
-
-    Where it goes: either `end`, or `direction` (rad, in the world) and `distance` (m).
-    """
-
-    start: Point
-    end: Point | None = None
-    direction: Angle | None = None
-    distance: Annotated[float, Field(ge=0, le=5)] | None = None
-    speed: Annotated[float, Field(ge=0.001, le=2)] = 0.2
-    """Largest speed (m/s) of the end-effector; with a rotation, of any point of the tool."""
-    yaw: Angle = 0.0
-    """How the tool is turned at the start (rad)."""
-    rotation: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
-    """How far the tool turns during the push (rad, counter-clockwise)."""
-
-    @model_validator(mode="after")
-    def _one_way_to_say_where(self) -> "Push":
-        polar = (self.direction is not None, self.distance is not None)
-        if any(polar) == (self.end is not None) or any(polar) != all(polar):
-            raise ValueError("needs either end, or direction and distance")
-        if self.end is not None and math.dist(self.start, self.end) > 5:
-            raise ValueError(f"end: at most 5 m from start, got {math.dist(self.start, self.end):.3g} m")
-        return self
-
-    @property
-    def displacement(self) -> tuple[float, float]:
-        """End minus start (m)."""
-        if self.end is not None:
-            return self.end[0] - self.start[0], self.end[1] - self.start[1]
-        return self.distance * math.cos(self.direction), self.distance * math.sin(self.direction)
 
 
 class Table(Record):
@@ -346,9 +254,7 @@ class Scene(Record):
 
         def push(old: Push) -> Push:
             direction = None if old.direction is None else old.direction + motion[2]
-            return old.replace(
-                start=point(old.start), end=point(old.end), direction=direction, yaw=old.yaw + motion[2]
-            )
+            return old.replace(start=point(old.start), end=point(old.end), direction=direction, yaw=old.yaw + motion[2])
 
         return self.replace(
             bodies=tuple(b.replace(pose_world_from_body=at(b.pose_world_from_body)) for b in self.bodies),
@@ -408,17 +314,6 @@ def _check_header(text: str | bytes, source: str) -> None:
         )
     if type(version) is not int or version != VERSION:
         raise SceneError(f'{source}: "version" must be {VERSION}, got {version!r}')
-
-
-def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:
-    """Shapes as one batch for `pushgraph.contact` (float64)."""
-    cores = torch.tensor([shape.core for shape in shapes], dtype=torch.float64).reshape(-1, 3)
-    return RoundedBox(cores[:, :2], cores[:, 2])
-
-
-def take(boxes: RoundedBox, index: torch.Tensor) -> RoundedBox:
-    """Some rows of a batch of shapes."""
-    return RoundedBox(boxes.half_extents[index], boxes.radius[index])
 
 
 def tool_gaps(

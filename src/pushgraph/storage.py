@@ -25,9 +25,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.replace(target)
     except OSError as error:
-        raise StorageError(
-            f"{target}: cannot be written: {error.strerror or error}; nothing was overwritten"
-        ) from None
+        raise StorageError(f"{target}: cannot be written: {error.strerror or error}; nothing was overwritten") from None
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -136,7 +136,9 @@ class Track:
                 if file.attrs.get("format") != FORMAT:
                     raise TrackError(f"{path}: not a track: attribute 'format' must be {FORMAT!r}")
                 if file.attrs.get("version") != VERSION:
-                    raise TrackError(f"{path}: track version {file.attrs.get('version')}, this pushgraph reads {VERSION}")
+                    raise TrackError(
+                        f"{path}: track version {file.attrs.get('version')}, this pushgraph reads {VERSION}"
+                    )
                 scene = scene or Scene.from_json(file.attrs["scene"], f"{path}: scene")
                 nodes = [name.decode() for name in file["nodes"][()]]
                 if nodes != [ROBOT, *scene.names]:

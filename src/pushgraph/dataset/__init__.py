@@ -1,0 +1,1 @@
+"""Datasets: generate them in parallel, store them, sample training windows from them."""

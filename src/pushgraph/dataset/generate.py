@@ -40,7 +40,12 @@ def generate(
     find_setup(setup)
     if engine not in ENGINES:
         raise DatasetError(f"no engine {engine!r}; valid: {', '.join(ENGINES)}")
-    for name, value, least in (("objects", objects, 1), ("count", count, 1), ("seed", seed, 0), ("workers", workers, 1)):
+    for name, value, least in (
+        ("objects", objects, 1),
+        ("count", count, 1),
+        ("seed", seed, 0),
+        ("workers", workers, 1),
+    ):
         if value < least:
             raise DatasetError(f"{name}: must be at least {least}, got {value}")
     out = Path(out)

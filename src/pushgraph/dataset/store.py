@@ -1,12 +1,12 @@
 """Datasets on disk: one HDF5 file of ragged tracks, their scenes inside, laid out flat so that reads are fast.
 
-    /poses         [rows, 3]  float32  x (m), y (m), yaw (rad); for each frame one row a node, node 0 the robot
-    /push          [frames]   int16    push under way, -1 while the tool is lifted
-    /pose_offset   [count+1]  int64    first row of each trajectory in /poses
-    /frame_offset  [count+1]  int64    first frame of each trajectory in /push
-    /scenes        [count]    string   JSON scene with its pushes
-    /density       [count]    string   dense or sparse
-    /summary       [count]    compound what happened in each trajectory
+/poses         [rows, 3]  float32  x (m), y (m), yaw (rad); for each frame one row a node, node 0 the robot
+/push          [frames]   int16    push under way, -1 while the tool is lifted
+/pose_offset   [count+1]  int64    first row of each trajectory in /poses
+/frame_offset  [count+1]  int64    first frame of each trajectory in /push
+/scenes        [count]    string   JSON scene with its pushes
+/density       [count]    string   dense or sparse
+/summary       [count]    compound what happened in each trajectory
 """
 
 import contextlib

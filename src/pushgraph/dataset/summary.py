@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from pushgraph.contact import signed_gap
 from pushgraph.pose import relative
-from pushgraph.scene import rounded_boxes, take
+from pushgraph.shape import rounded_boxes, take
 from pushgraph.simulation.articulation import KINDS
 from pushgraph.simulation.setups import REJECTIONS, TOUCHED, Trajectory
 from pushgraph.track import Track
@@ -30,7 +30,7 @@ COLUMNS = np.dtype(
         *((f"rejected_{name}", "i4") for name in REJECTIONS),
     ]
 )
-"""One row a trajectory. A body has moved, and a push was effective, from 5 mm on; displacement: mean over moved bodies."""
+"""One row a trajectory. Bodies have moved, and pushes were effective, from 5 mm on; displacement: of moved bodies."""
 
 
 def summarize(trajectory: Trajectory) -> np.ndarray:

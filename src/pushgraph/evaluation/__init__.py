@@ -1,0 +1,1 @@
+"""What predictions are worth: metrics, the noise floor, and results in one format."""

@@ -44,7 +44,8 @@ class Results:
         low, high = np.percentile(resampled, [2.5, 97.5])
         value = statistic(list(per_scene))
         self.rows.append(
-            {"model": model, "metric": metric, "value": value, "low": float(low), "high": float(high), "unit": unit} | labels
+            {"model": model, "metric": metric, "value": value, "low": float(low), "high": float(high), "unit": unit}
+            | labels
         )
 
     def save(self, path: str | os.PathLike) -> None:

@@ -1,0 +1,1 @@
+"""Pushes in a physics engine; the only room that knows MuJoCo."""

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from pushgraph.scene import Push, Scene, tool_gaps
+from pushgraph.scene import Scene, tool_gaps
 from pushgraph.simulation.placement import reach
+from pushgraph.tool import Push
 
 CANDIDATES = 64
 CHECKED = 16
@@ -52,9 +53,7 @@ def aim(
         score = (pushed * novelty).sum(-1) * early
         if score.max() > 0:
             x, y, yaw, end_x, end_y, end_yaw = candidates[free[score.argmax()]].tolist()
-            return Push(
-                start=(x, y), end=(end_x, end_y), speed=style.speed, yaw=yaw, rotation=end_yaw - yaw
-            )
+            return Push(start=(x, y), end=(end_x, end_y), speed=style.speed, yaw=yaw, rotation=end_yaw - yaw)
     raise NoPush
 
 

@@ -50,9 +50,7 @@ def vary_joint(rng: np.random.Generator, scene: Scene, joint: Joint) -> Joint:
     if joint.kind == "prismatic":
         # Turned by less than 30 degrees, the axis still parts the two, and they meet no sooner than their gap.
         turned = pose.rotate(axis, rng.uniform(-0.5, 0.5))
-        return joint.replace(
-            axis=tuple(turned.tolist()), limits=(lower * rng.uniform(), rng.uniform(0.02, 0.15))
-        )
+        return joint.replace(axis=tuple(turned.tolist()), limits=(lower * rng.uniform(), rng.uniform(0.02, 0.15)))
     return joint
 
 

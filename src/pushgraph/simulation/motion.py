@@ -5,7 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.scene import Push, Tool
+from pushgraph.tool import Push, Tool
 
 ACCELERATION = 1.0
 """Largest acceleration of the end-effector (m/s^2), that of the paper's arm."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.contact import contact, signed_gap
-from pushgraph.scene import Cuboid, Cylinder, rounded_boxes, take
+from pushgraph.shape import Cuboid, Cylinder, rounded_boxes, take
 
 NEIGHBOUR_GAP = (0.001, 0.020)
 """Neighbours in a cluster stand this far apart (m), joined or not."""
@@ -32,16 +32,16 @@ def reach(shape: Cylinder | Cuboid) -> float:
     return math.hypot(*shape.core[:2]) + shape.core[2]
 
 
-def place_cluster(
-    rng: np.random.Generator, shapes: Shapes, piece: Sequence[int]
-) -> Float[np.ndarray, "bodies 3"]:
+def place_cluster(rng: np.random.Generator, shapes: Shapes, piece: Sequence[int]) -> Float[np.ndarray, "bodies 3"]:
     """Poses of one cluster, each body beside an earlier one; bodies with the same number in `piece` overlap."""
     poses = np.array([[0.0, 0.0, rng.uniform(-math.pi, math.pi)]])
     for index in range(1, len(shapes)):
         same_piece = np.array(piece[:index]) == piece[index]
         beside = np.flatnonzero(same_piece) if same_piece.any() else np.arange(index)
         low, high = PIECE_OVERLAP if same_piece.any() else NEIGHBOUR_GAP
-        candidates = _beside(rng, shapes, index, poses, rng.choice(beside, CANDIDATES), rng.uniform(low, high, CANDIDATES))
+        candidates = _beside(
+            rng, shapes, index, poses, rng.choice(beside, CANDIDATES), rng.uniform(low, high, CANDIDATES)
+        )
         gaps = _gaps(shapes, index, candidates, poses)
         free = np.flatnonzero((gaps[:, ~same_piece] >= NEIGHBOUR_GAP[0]).all(-1))
         if not len(free):
@@ -66,9 +66,7 @@ def scatter_clusters(
         if not clear.any():
             raise NoRoom
         centres.append(places[clear.argmax()])
-    return np.vstack(
-        [poses + [*centre, 0.0] for (_, poses), centre in zip(clusters, centres, strict=True)]
-    )
+    return np.vstack([poses + [*centre, 0.0] for (_, poses), centre in zip(clusters, centres, strict=True)])
 
 
 def _beside(

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pushgraph.errors import SimulationError
-from pushgraph.scene import OVERLAP, ROBOT, Push, Scene, tool_gaps
+from pushgraph.scene import OVERLAP, ROBOT, Scene, tool_gaps
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build
+from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
 
 SUBSTEPS = round(FRAME / TIMESTEP)

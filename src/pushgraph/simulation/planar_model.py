@@ -15,7 +15,8 @@ import mujoco
 import numpy as np
 
 from pushgraph.errors import SimulationError
-from pushgraph.scene import ROBOT, Cuboid, Cylinder, Joint, Pose, Scene
+from pushgraph.scene import ROBOT, Joint, Scene
+from pushgraph.shape import Cuboid, Cylinder, Pose
 
 TIMESTEP = 0.0025
 CONTACT_HEIGHT = 0.05
@@ -126,9 +127,7 @@ def _spanning_branches(scene: Scene) -> list[_Branch]:
 
 def _add_frame_body(parent: mujoco.MjsBody, offset: np.ndarray, body_mass: float) -> mujoco.MjsBody:
     mass = FRAME_MASS * body_mass
-    return parent.add_body(
-        pos=[*offset, 0], explicitinertial=True, mass=mass, inertia=[mass * FOOT_RADIUS**2] * 3
-    )
+    return parent.add_body(pos=[*offset, 0], explicitinertial=True, mass=mass, inertia=[mass * FOOT_RADIUS**2] * 3)
 
 
 def _add_free_frame(scene: Scene, body: int, world: mujoco.MjsBody) -> _Frame:
@@ -142,9 +141,7 @@ def _add_free_frame(scene: Scene, body: int, world: mujoco.MjsBody) -> _Frame:
 
 def _add_jointed_frame(scene: Scene, body: int, joint: Joint, parent: _Frame) -> _Frame:
     position_world = scene.poses_world_from_body[body, :2]
-    element = _add_frame_body(
-        parent.element, position_world - parent.position_world, scene.bodies[body].mass
-    )
+    element = _add_frame_body(parent.element, position_world - parent.position_world, scene.bodies[body].mass)
     anchor, axis, limits = scene.joint_frame(joint)
     # A tree that reaches the joint's parent through its child moves it the other way.
     sign = 1.0 if scene.names[body] == joint.child else -1.0

@@ -9,11 +9,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pushgraph.errors import SetupError, SimulationError
-from pushgraph.scene import NOMINAL_TABLE_FRICTION, Body, Cuboid, Cylinder, Part, Scene, Table, Tool
+from pushgraph.scene import NOMINAL_TABLE_FRICTION, Body, Scene, Table
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
 from pushgraph.simulation.articulation import draw_joints, vary_joint
 from pushgraph.simulation.placement import NoRoom, place_cluster, scatter_clusters
 from pushgraph.simulation.planar import PlanarSimulation
+from pushgraph.tool import Part, Tool
 from pushgraph.track import Track
 
 PUSHES = 9

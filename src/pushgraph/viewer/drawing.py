@@ -11,7 +11,8 @@ from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.transforms import Affine2D
 
 from pushgraph import pose
-from pushgraph.scene import Cuboid, Cylinder, Joint, Scene
+from pushgraph.scene import Joint, Scene
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.track import Track
 
 PALETTE = matplotlib.colormaps["tab10"].colors
@@ -104,7 +105,10 @@ def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, f
     """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for track in tracks:
-        radii = [track.scene.tool.reach, *(np.hypot(*body.shape.core[:2]) + body.shape.core[2] for body in track.scene.bodies)]
+        radii = [
+            track.scene.tool.reach,
+            *(np.hypot(*body.shape.core[:2]) + body.shape.core[2] for body in track.scene.bodies),
+        ]
         positions = track.poses[..., :2]
         low = np.minimum(low, np.nanmin(positions - np.array(radii)[:, None], axis=(0, 1)))
         high = np.maximum(high, np.nanmax(positions + np.array(radii)[:, None], axis=(0, 1)))
