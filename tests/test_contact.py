@@ -8,7 +8,7 @@ import shapely
 import torch
 from scipy.spatial import ConvexHull
 
-from pushgraph.contact import RoundedBox, contact, signed_gap
+from pushgraph.contact import RoundedBox, contact_between, signed_gap
 from pushgraph.pose import compose, inverse, relative, transform
 
 
@@ -47,14 +47,14 @@ def reference_gap(half_a: np.ndarray, half_b: np.ndarray, pose: np.ndarray, radi
 
 def test_gap_matches_shapely_and_separating_axes_over_100000_random_pairs() -> None:
     a, b, pose = random_pairs(0, 100_000)
-    ours = contact(a, b, pose)
+    ours = contact_between(a, b, pose)
     half_a, half_b = a.half_extents.numpy(), b.half_extents.numpy()
     radii = (a.radius + b.radius).numpy()
     expected = np.array([reference_gap(*row) for row in zip(half_a, half_b, pose.numpy(), radii, strict=True)])
     assert (expected < 0).mean() > 0.15
     np.testing.assert_allclose(ours.gap.numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(signed_gap(a, b, pose).numpy(), expected, atol=1e-6)
-    single = contact(RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), pose.float())
+    single = contact_between(RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), pose.float())
     np.testing.assert_allclose(single.gap.numpy(), expected, atol=1e-5)
 
 
@@ -76,7 +76,7 @@ def close(actual: torch.Tensor, expected: list) -> None:
 
 
 def test_two_cylinders_by_hand() -> None:
-    result = contact(cylinder(0.1), cylinder(0.06), at(0.0, 0.1))
+    result = contact_between(cylinder(0.1), cylinder(0.06), at(0.0, 0.1))
     close(result.gap, 0.02)
     close(result.normal, [0, 1])
     close(result.gaps, [0.02, 0.02])
@@ -85,14 +85,14 @@ def test_two_cylinders_by_hand() -> None:
 
 
 def test_cylinder_beside_the_corner_of_a_cuboid_by_hand() -> None:
-    result = contact(cuboid(0.2, 0.1), cylinder(0.04), at(0.13, 0.09))
+    result = contact_between(cuboid(0.2, 0.1), cylinder(0.04), at(0.13, 0.09))
     close(result.gap, 0.05 - 0.02)
     close(result.normal, [0.6, 0.8])
     close(result.points_a[0], [0.1, 0.05])
 
 
 def test_cylinder_inside_a_cuboid_leaves_by_the_nearest_face() -> None:
-    result = contact(cuboid(0.2, 0.1), cylinder(0.04), at(0.02, 0.04))
+    result = contact_between(cuboid(0.2, 0.1), cylinder(0.04), at(0.02, 0.04))
     close(result.gap, -0.01 - 0.02)
     close(result.normal, [0, 1])
     close(result.points_a[0], [0.02, 0.05])
@@ -100,7 +100,7 @@ def test_cylinder_inside_a_cuboid_leaves_by_the_nearest_face() -> None:
 
 
 def test_faces_that_look_at_each_other_touch_at_the_two_ends_of_the_stretch() -> None:
-    result = contact(cuboid(0.2, 0.1), cuboid(0.2, 0.1), at(0.12, 0.11))
+    result = contact_between(cuboid(0.2, 0.1), cuboid(0.2, 0.1), at(0.12, 0.11))
     close(result.gaps, [0.01, 0.01])
     close(result.normal, [0, 1])
     ends = result.points_a[result.points_a[:, 0].argsort()]
@@ -110,19 +110,19 @@ def test_faces_that_look_at_each_other_touch_at_the_two_ends_of_the_stretch() ->
 def test_second_contact_of_a_tilted_cuboid_is_the_other_end_of_its_face() -> None:
     tilt = 0.1
     height = 0.05 + 0.05 * math.cos(tilt) + 0.1 * math.sin(tilt) + 0.01
-    result = contact(cuboid(1.0, 0.1), cuboid(0.2, 0.1), at(0.0, height, tilt))
+    result = contact_between(cuboid(1.0, 0.1), cuboid(0.2, 0.1), at(0.0, height, tilt))
     close(result.gaps, [0.01, 0.01 + 0.2 * math.sin(tilt)])
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e-12, -1e-12])
 def test_overlapping_crossed_bars_part_by_the_smallest_translation(offset: float) -> None:
-    result = contact(cuboid(0.4, 0.02), cuboid(0.02, 0.3), at(0.0, offset))
+    result = contact_between(cuboid(0.4, 0.02), cuboid(0.02, 0.3), at(0.0, offset))
     close(result.gap, -0.16)
 
 
 def test_gap_is_symmetric_and_the_normal_turns_round() -> None:
     a, b, pose_a_from_b = random_pairs(1, 5_000)
-    there, back = contact(a, b, pose_a_from_b), contact(b, a, inverse(pose_a_from_b))
+    there, back = contact_between(a, b, pose_a_from_b), contact_between(b, a, inverse(pose_a_from_b))
     np.testing.assert_allclose(there.gap, back.gap, atol=1e-6)
     unique = (there.gap > 1e-3).numpy()
     normal_back = transform(pose_a_from_b, back.normal) - pose_a_from_b[:, :2]
@@ -131,7 +131,7 @@ def test_gap_is_symmetric_and_the_normal_turns_round() -> None:
 
 def test_first_contact_joins_the_two_surfaces_along_the_normal() -> None:
     a, b, pose = random_pairs(2, 20_000)
-    result = contact(a, b, pose)
+    result = contact_between(a, b, pose)
     joined = result.points_a[:, 0] + result.gap[:, None] * result.normal
     np.testing.assert_allclose(joined, result.points_b[:, 0], atol=1e-9)
     np.testing.assert_allclose(torch.linalg.vector_norm(result.normal, dim=-1), 1, atol=1e-12)
@@ -173,7 +173,7 @@ def test_gradient_of_every_output_reaches_sizes_and_poses_and_is_finite_at_degen
         for b in shapes:
             for pose in poses:
                 leaves = [t.clone().requires_grad_() for t in (*a, *b, pose)]
-                result = contact(RoundedBox(*leaves[:2]), RoundedBox(*leaves[2:4]), leaves[4])
+                result = contact_between(RoundedBox(*leaves[:2]), RoundedBox(*leaves[2:4]), leaves[4])
                 sum(output.sum() for output in result).backward()
                 assert all(leaf.grad is not None and leaf.grad.isfinite().all() for leaf in leaves)
 
@@ -188,10 +188,10 @@ def test_gradient_is_continuous_through_touch() -> None:
 def test_ties_do_not_depend_on_where_the_scene_stands() -> None:
     poses_world = torch.tensor(np.random.default_rng(6).uniform(-3, 3, (200, 3)))
     a, b = cuboid(0.1, 0.1), cuboid(0.1, 0.1)
-    first = contact(a, b, at(0.12, 0.0))
+    first = contact_between(a, b, at(0.12, 0.0))
     pose_a_from_b = relative(poses_world, compose(poses_world, at(0.12, 0.0).expand(200, 3)))
     many = RoundedBox(a.half_extents.expand(200, 2), a.radius.expand(200))
-    moved = contact(many, many, pose_a_from_b)
+    moved = contact_between(many, many, pose_a_from_b)
     for one, all_of_them in zip(first, moved, strict=True):
         np.testing.assert_allclose(all_of_them, one.expand_as(all_of_them), atol=1e-9)
 

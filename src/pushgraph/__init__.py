@@ -13,7 +13,7 @@ import importlib
 from typing import Any
 
 _MODULE_OF = {
-    **dict.fromkeys(("RoundedBox", "Contact", "contact", "signed_gap"), "pushgraph.contact"),
+    **dict.fromkeys(("RoundedBox", "Contact", "contact_between", "signed_gap"), "pushgraph.contact"),
     **dict.fromkeys(("Cuboid", "Cylinder"), "pushgraph.shape"),
     **dict.fromkeys(("Part", "Push", "Tool"), "pushgraph.tool"),
     **dict.fromkeys(("Body", "Joint", "Scene", "Table"), "pushgraph.scene"),

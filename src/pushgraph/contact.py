@@ -49,7 +49,7 @@ class Contact(NamedTuple):
     points_b: Float[Tensor, "*batch 2 2"]
 
 
-def contact(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Contact:
+def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Contact:
     """Return the contact of each pair; float32 or float64.
 
     Gradients are finite everywhere, and exact wherever the gap is smooth: all but the poses at which two

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from pydantic import Field, StringConstraints, ValidationError, field_validator, model_validator
 
 from pushgraph import pose
-from pushgraph.contact import Contact, RoundedBox, contact, signed_gap
+from pushgraph.contact import Contact, RoundedBox, contact_between, signed_gap
 from pushgraph.errors import SceneError
 from pushgraph.record import Record, explain
 from pushgraph.shape import Length, Point, Pose, Shape, rounded_boxes, take
@@ -208,7 +208,7 @@ class Scene(Record):
         first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
         boxes = rounded_boxes([body.shape for body in self.bodies])
         poses = torch.from_numpy(self.poses_world_from_body)
-        return contact(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
+        return contact_between(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
 
     def joint_frame(self, joint: Joint) -> JointFrame:
         """Anchor, axis and limits of a joint, those left out drawn from the geometry.

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 
 from pushgraph import pose
-from pushgraph.contact import contact, signed_gap
+from pushgraph.contact import contact_between, signed_gap
 from pushgraph.shape import Cuboid, Cylinder, rounded_boxes, take
 
 NEIGHBOUR_GAP = (0.001, 0.020)
@@ -91,7 +91,7 @@ def _beside(
     for _ in range(5):
         candidates = np.column_stack((poses[neighbour, :2] + distance[:, None] * ray, yaw))
         pose_a_from_b = pose.relative(poses[neighbour], candidates)
-        touch = contact(a, b, torch.from_numpy(pose_a_from_b))
+        touch = contact_between(a, b, torch.from_numpy(pose_a_from_b))
         slope = (touch.normal.numpy() * pose.rotate(ray, -poses[neighbour, 2])).sum(-1)
         distance = distance - (touch.gap.numpy() - gap) / np.maximum(slope, 0.2)
     return candidates

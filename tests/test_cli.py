@@ -1,0 +1,97 @@
+"""The command: what it prints, writes and refuses."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import workshop
+
+from pushgraph.cli import main
+from pushgraph.errors import ViewerError
+from pushgraph.simulation.planar import simulate
+from pushgraph.track import Track
+from pushgraph.viewer.animation import save_animation
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    return exit_.value.code
+
+
+def test_simulate_writes_what_it_says_and_the_table_is_the_track(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "scene.json"
+    path.write_text(workshop().to_json())
+    assert run("simulate", str(path), "--out", str(tmp_path / "out")) == 0
+    printed = capsys.readouterr().out
+    track = Track.load(tmp_path / "out" / "track.h5")
+    assert track.poses.tobytes() == simulate(workshop()).poses.tobytes()
+    again = Track.load(tmp_path / "out" / "track.csv", workshop())
+    np.testing.assert_array_equal(again.poses, track.poses)
+    row = re.search(r"lid\s+│\s+(\S+) │\s+(\S+) │", printed)
+    assert float(row[1]) == pytest.approx(track.poses[-1, 2, 0], abs=1e-4)
+    with Image.open(tmp_path / "out" / "animation.gif") as animation:
+        assert animation.n_frames > 20
+        assert animation.info["duration"] == pytest.approx(50, abs=10)
+    with Image.open(tmp_path / "out" / "picture.png") as picture:
+        assert picture.size[0] > 800
+
+
+def test_unknown_values_are_simulated_at_nominal_ones_and_it_says_so(tmp_path: Path, capsys) -> None:
+    scene = json.loads(workshop().to_json())
+    del scene["bodies"][0]["mass"]
+    scene["side_friction"] = None
+    scene["unlisted_pairs"] = "unknown"
+    path = tmp_path / "scene.json"
+    path.write_text(json.dumps(scene))
+    assert run("simulate", str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 0
+    printed = capsys.readouterr().out
+    assert "nominal values" in printed
+    assert "simulated as not joined" in printed
+
+
+def test_help_shows_an_example_for_every_command(capsys) -> None:
+    for command in ("demo", "simulate", "generate"):
+        assert run(command, "--help") == 0
+        assert f"pushgraph {command}" in capsys.readouterr().out
+
+
+def test_a_scene_that_is_not_there_is_said_with_the_shipped_ones(capsys) -> None:
+    assert run("simulate", "nowhere.json") == 1
+    assert "nowhere.json: no such file; shipped scenes: demo" in capsys.readouterr().err
+
+
+def test_a_folder_and_a_binary_file_are_no_scenes(tmp_path: Path, capsys) -> None:
+    assert run("simulate", str(tmp_path)) == 1
+    (tmp_path / "scene.json").write_bytes(bytes(range(256)))
+    assert run("simulate", str(tmp_path / "scene.json")) == 1
+    assert capsys.readouterr().err.count("Error: ") == 2
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "demo", "--animation", "avi"),
+        ("generate", "multiple-parts"),
+        ("generate", "multiple-parts", "--count", "0", "--out", "x.h5"),
+        ("generate", "multiple-parts", "--count", "1", "--objects", "-1", "--out", "x.h5"),
+        ("fly",),
+    ],
+)
+def test_wrong_usage_is_refused(arguments: tuple[str, ...], tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_animations_are_gif_or_mp4(tmp_path: Path, monkeypatch) -> None:
+    track = simulate(workshop())
+    with pytest.raises(ViewerError, match=r"ends in \.gif or \.mp4"):
+        save_animation(track, tmp_path / "a.avi")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ViewerError, match="needs the program ffmpeg"):
+        save_animation(track, tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,65 @@
+"""What the README and the examples say is run as it stands."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pushgraph.scene import Scene
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+BIN = Path(sys.executable).parent
+
+
+def run(command: list[str], folder: Path) -> str:
+    environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_readme_s_python_runs_as_printed_and_swings_the_lid(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    assert len(code.strip().splitlines()) <= 12
+    printed = run([sys.executable, "-c", code], tmp_path)
+    rows = [[float(n) for n in re.findall(r"-?\d+\.\d*|-?\d+\.?", line)] for line in printed.strip().splitlines()]
+    assert len(rows) == 3
+    assert rows[2][2] - rows[1][2] < -0.5
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("command", re.findall(r"^\$ (pushgraph .*)$", README, re.M))
+def test_the_readme_s_commands_run_as_printed(command: str, tmp_path: Path) -> None:
+    run(command.split(), tmp_path)
+    out = tmp_path / command.split("--out ")[1].split()[0]
+    assert out.exists()
+    if out.is_dir():
+        wanted = {"track.h5", "track.csv", "picture.png"} | ({"animation.gif"} if "none" not in command else set())
+        assert {path.name for path in out.iterdir()} == wanted
+
+
+def test_the_readme_s_make_targets_and_links_exist() -> None:
+    targets = re.findall(r"^    make (\w+)", README, re.M)
+    assert targets == ["demo", "test"]
+    makefile = (ROOT / "Makefile").read_text()
+    assert all(f"\n{target}:" in makefile for target in targets)
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_the_scene_in_the_manual_is_valid() -> None:
+    (text,) = re.findall(r"```json\n(.*?)```", (ROOT / "docs" / "scene.md").read_text(), re.S)
+    assert Scene.from_json(text).joints[0].kind == "fixed"
+    assert json.loads(text)["version"] == 1
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_the_examples_run_and_are_short(example: Path, tmp_path: Path) -> None:
+    assert len(example.read_text().splitlines()) < 80
+    assert run([sys.executable, str(example)], tmp_path)
