@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint install clean
+.PHONY: demo test lint install schema clean
 
 install: $(VENV)/.installed
 
@@ -22,6 +22,10 @@ test: install lint
 
 lint: install
 	$(BIN)/ruff check .
+
+schema: install
+	$(BIN)/python -c 'import json; from pushgraph import Scene; print(json.dumps(Scene.model_json_schema(), indent=2))' \
+	  > docs/scene.schema.json
 
 clean:
 	rm -rf $(VENV) demo

@@ -88,7 +88,7 @@ def generate(
 
     `pushgraph generate planar --count 30000 --out mixture.h5 --workers 16`
     """
-    from pushgraph.dataset import generate as dataset
+    from pushgraph.dataset.generate import generate as generate_dataset
     from pushgraph.dataset.store import Dataset
     from pushgraph.dataset.summary import table
 
@@ -102,9 +102,13 @@ def generate(
     )
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(setup, total=count)
-        path = dataset.generate(
-            setup, objects, count, seed, out, workers, engine, lambda done: progress.update(task, completed=done)
-        )
+        try:
+            path = generate_dataset(
+                setup, objects, count, seed, out, workers, engine, lambda done: progress.update(task, completed=done)
+            )
+        except KeyboardInterrupt:
+            progress.console.print("Interrupted: what is done is kept, the same command goes on from there.")
+            raise typer.Exit(130) from None
     with Dataset(path) as written:
         rows = table(written.summary)
     summary = Table(title=f"{setup}, {objects} objects, seed {seed}", show_header=False)

@@ -87,7 +87,7 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
 
 
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-    """Return only the signed gap of each pair (m), at half the cost of `contact`."""
+    """Return only the signed gap of each pair (m), at half the cost of `contact_between`."""
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
     separation = _separations(a, b, pose_a_from_b).amax(-1)
     distance, _ = _distance(core_b - core_a, separation)

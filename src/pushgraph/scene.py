@@ -45,7 +45,7 @@ class Body(Record):
     name: Name
     shape: Shape
     pose_world_from_body: Pose
-    mass: Annotated[float, Field(gt=0, le=1000)] | None = None
+    mass: Annotated[float, Field(ge=0.001, le=1000)] | None = None
     """kg; None: unknown."""
     yaw_known: bool = True
     """False where the robot cannot see how the body is turned, as with a plain cylinder."""

@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
@@ -25,7 +26,7 @@ def run_in_processes(
             yield from ((task, work(task)) for task in tasks)
         return
     context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+    with concurrent.futures.ProcessPoolExecutor(workers, context, _prepare_worker) as pool:
         futures = {pool.submit(work, task): task for task in tasks}
         try:
             for future in concurrent.futures.as_completed(futures):
@@ -61,6 +62,12 @@ def run_on_ray(work: Callable[[Task], Result], tasks: Sequence[Task], workers: i
 
 
 ENGINES: dict[str, Engine] = {"processes": run_in_processes, "ray": run_on_ray}
+
+
+def _prepare_worker() -> None:
+    """One thread a worker; an interrupt is for the process that shares out the work."""
+    torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _single_threaded_work(work: Callable[[Task], Result], task: Task) -> Result:

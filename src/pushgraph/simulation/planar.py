@@ -9,7 +9,7 @@ from jaxtyping import Float
 from pushgraph.errors import SimulationError
 from pushgraph.scene import OVERLAP, ROBOT, Scene, tool_gaps
 from pushgraph.simulation.motion import ToolMotion
-from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build
+from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build, link_name
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
 
@@ -48,7 +48,7 @@ class PlanarSimulation:
         self._pushes: list[Push] = []
         self._model = build(scene)
         self._data = mujoco.MjData(self._model)
-        self._links = [self._model.body(name).id for name in scene.names]
+        self._links = [self._model.body(link_name(k)).id for k in range(len(scene.bodies))]
         first_joint = self._model.joint(int(self._model.body(ROBOT).jntadr[0]))
         self._robot_position = self._data.qpos[int(first_joint.qposadr[0]) :][:4]
         self._robot_velocity = self._data.qvel[int(first_joint.dofadr[0]) :][:4]

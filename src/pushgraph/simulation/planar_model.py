@@ -50,7 +50,7 @@ class _Frame(NamedTuple):
 
 
 def build(scene: Scene) -> mujoco.MjModel:
-    """Compile the model of a scene; the link of a body is the MuJoCo body of the same name.
+    """Compile the model of a scene; MuJoCo's name for the link of body k is `link_name(k)`.
 
     Raises SimulationError if the scene's joints and rigid groups close a cycle, or a mass or friction is unknown.
     """
@@ -78,7 +78,15 @@ def build(scene: Scene) -> mujoco.MjModel:
         _add_link(scene, body, frames[body])
     _exclude_contacts(spec, scene, pieces)
     _add_robot(world, scene)
-    return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo refuses this scene: {error}") from None
+
+
+def link_name(body: int) -> str:
+    """MuJoCo's name of the link of a body."""
+    return f"link {body}"
 
 
 def _check_known(scene: Scene) -> None:
@@ -159,7 +167,7 @@ def _add_link(scene: Scene, body: int, frame: _Frame) -> None:
     shape, mass = scene.bodies[body].shape, scene.bodies[body].mass
     x, y, yaw = scene.poses_world_from_body[body]
     link = frame.element.add_body(
-        name=scene.names[body],
+        name=link_name(body),
         pos=[x - frame.position_world[0], y - frame.position_world[1], 0],
         quat=_about_z(yaw),
         explicitinertial=True,
@@ -201,7 +209,7 @@ def _exclude_contacts(spec: mujoco.MjSpec, scene: Scene, pieces: list[int]) -> N
     sliding = {frozenset((joint.parent, joint.child)) for joint in scene.joints if joint.kind == "prismatic"}
     for (k, first), (m, second) in combinations(enumerate(scene.names), 2):
         if pieces[k] == pieces[m] or frozenset((first, second)) in sliding:
-            spec.add_exclude(bodyname1=first, bodyname2=second)
+            spec.add_exclude(bodyname1=link_name(k), bodyname2=link_name(m))
 
 
 def _add_robot(world: mujoco.MjsBody, scene: Scene) -> None:

@@ -42,6 +42,7 @@ REJECTIONS = {
 """Why a drawn scene comes to nothing."""
 
 Density = Literal["dense", "sparse"]
+DENSITIES: tuple[Density, Density] = ("dense", "sparse")
 
 
 class Plan(NamedTuple):
@@ -60,9 +61,9 @@ class Trajectory(NamedTuple):
     rejected: Counter[str]
 
 
-def multiple_parts(rng: np.random.Generator, objects: int) -> Plan:
-    """The paper's setup: cylinders and cuboids, half of the scenes dense, half sparse, two to six joints."""
-    density = _draw_density(rng)
+def multiple_parts(rng: np.random.Generator, objects: int, index: int) -> Plan:
+    """The paper's setup: cylinders and cuboids, two to six joints; every other scene dense, the others sparse."""
+    density = DENSITIES[index % 2]
     shapes = [_draw_shape(rng) for _ in range(objects)]
     poses = _place(rng, shapes, list(range(objects)), density)
     scene = _scene(shapes, poses, rng.uniform(*MASS, objects))
@@ -70,14 +71,14 @@ def multiple_parts(rng: np.random.Generator, objects: int) -> Plan:
     return Plan(scene, density, PushStyle(PUSH_DISTANCE, float(rng.uniform(*PUSH_SPEED)), turning=0.0))
 
 
-def planar(rng: np.random.Generator, objects: int) -> Plan:
+def planar(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """The training mixture: half `multiple-parts`, half everything that a planar task may ask for."""
-    return multiple_parts(rng, objects) if rng.random() < 0.5 else varied(rng, objects)
+    return (multiple_parts, varied)[index // 2 % 2](rng, objects, index)
 
 
-def varied(rng: np.random.Generator, objects: int) -> Plan:
+def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """Scenes of other masses, frictions, tools, speeds, pieces and joint geometry than the paper's."""
-    density = _draw_density(rng)
+    density = DENSITIES[index % 2]
     shapes = [_draw_shape(rng) for _ in range(objects)]
     pieces = _draw_pieces(rng, objects)
     poses = _place(rng, shapes, pieces, density)
@@ -100,7 +101,9 @@ def varied(rng: np.random.Generator, objects: int) -> Plan:
     return Plan(scene.replace(joints=joints), density, PushStyle(distance, speed, turning))
 
 
-SETUPS: dict[str, Callable[[np.random.Generator, int], Plan]] = {
+Setup = Callable[[np.random.Generator, int, int], Plan]
+"""Plans the trajectory of a number of objects and an index, which settles what shall be evenly spread."""
+SETUPS: dict[str, Setup] = {
     "multiple-parts": multiple_parts,
     "planar": planar,
 }
@@ -116,7 +119,7 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
     rejected: Counter[str] = Counter()
     while rejected.total() < ATTEMPTS:
         try:
-            drawn = plan(rng, objects)
+            drawn = plan(rng, objects, index)
             return Trajectory(_push_around(rng, drawn), drawn.density, rejected)
         except NoRoom:
             rejected[REJECTIONS["room"]] += 1
@@ -132,7 +135,7 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
     )
 
 
-def find_setup(name: str) -> Callable[[np.random.Generator, int], Plan]:
+def find_setup(name: str) -> Setup:
     """The setup of this name; raises SetupError with the valid names."""
     if name not in SETUPS:
         raise SetupError(f"no setup {name!r}; valid: {', '.join(SETUPS)}")
@@ -154,10 +157,6 @@ def _push_around(rng: np.random.Generator, plan: Plan) -> Track:
             raise _LeftTable
         touched += np.hypot(*(after - before)[:, :2].T) > TOUCHED
     return simulation.track()
-
-
-def _draw_density(rng: np.random.Generator) -> Density:
-    return "dense" if rng.random() < 0.5 else "sparse"
 
 
 def _draw_length(rng: np.random.Generator) -> float:
