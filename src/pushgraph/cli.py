@@ -54,7 +54,7 @@ def demo(
 @app.command()
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results. [default: the scene's name]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
@@ -75,7 +75,7 @@ def generate(
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
     objects: Annotated[int, typer.Option(min=1, help="Objects in a scene.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Processes. [default: one a core]")] = os.cpu_count() or 1,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
     engine: Annotated[str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).")] = (
         "processes"
     ),

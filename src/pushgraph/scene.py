@@ -186,7 +186,8 @@ class Scene(Record):
                     f"by {-gaps.min() * 1e3:.1f} mm; at most {OVERLAP * 1e3:g} mm is valid outside a rigid group"
                 )
         if self.pushes:
-            gaps = tool_gaps(self.tool, np.array([[*self.pushes[0].start, self.pushes[0].yaw]]), self.bodies)[0]
+            start = np.array([[*self.pushes[0].start, self.pushes[0].yaw]])
+            gaps = self.tool_gaps(start, self.poses_world_from_body)[0]
             if gaps.min() < -OVERLAP:
                 raise ValueError(
                     f"pushes[0].start: the tool would come down on body {self.bodies[int(gaps.argmin())].name!r}, "
@@ -209,6 +210,25 @@ class Scene(Record):
         boxes = rounded_boxes([body.shape for body in self.bodies])
         poses = torch.from_numpy(self.poses_world_from_body)
         return contact_between(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
+
+    def tool_gaps(
+        self,
+        poses_world_from_tool: Float[np.ndarray, "poses 3"],
+        poses_world_from_body: Float[np.ndarray, "*#poses bodies 3"],
+    ) -> Float[np.ndarray, "poses bodies"]:
+        """Signed gap (m) between the tool at each pose and each body, which may move from pose to pose."""
+        poses_tool_from_part = np.array([part.pose_tool_from_part for part in self.tool.parts])
+        poses_world_from_part = pose.compose(poses_world_from_tool[:, None], poses_tool_from_part)
+        pose_body_from_part = pose.relative(poses_world_from_body[..., :, None, :], poses_world_from_part[:, None])
+        shape = pose_body_from_part.shape[:-1]
+        bodies = rounded_boxes([body.shape for body in self.bodies])
+        parts = rounded_boxes([part.shape for part in self.tool.parts])
+        gaps = signed_gap(
+            RoundedBox(bodies.half_extents[:, None].expand(*shape, 2), bodies.radius[:, None].expand(shape)),
+            RoundedBox(parts.half_extents.expand(*shape, 2), parts.radius.expand(shape)),
+            torch.from_numpy(pose_body_from_part),
+        )
+        return gaps.amin(-1).numpy()
 
     def joint_frame(self, joint: Joint) -> JointFrame:
         """Anchor, axis and limits of a joint, those left out drawn from the geometry.
@@ -314,30 +334,3 @@ def _check_header(text: str | bytes, source: str) -> None:
         )
     if type(version) is not int or version != VERSION:
         raise SceneError(f'{source}: "version" must be {VERSION}, got {version!r}')
-
-
-def tool_gaps(
-    tool: Tool,
-    poses_world_from_tool: Float[np.ndarray, "poses 3"],
-    bodies: Sequence[Body],
-    poses_world_from_body: Float[np.ndarray, "bodies 3"] | None = None,
-) -> Float[np.ndarray, "poses bodies"]:
-    """Signed gap (m) between the tool at each pose and each body."""
-    if poses_world_from_body is None:
-        poses_world_from_body = np.array([body.pose_world_from_body for body in bodies])
-    parts = rounded_boxes([part.shape for part in tool.parts])
-    poses_tool_from_part = np.array([part.pose_tool_from_part for part in tool.parts])
-    poses_world_from_part = torch.from_numpy(
-        pose.compose(np.asarray(poses_world_from_tool, dtype=float)[:, None], poses_tool_from_part)
-    )
-    shape = (len(poses_world_from_tool), len(bodies), len(tool.parts))
-    pose_body_from_part = pose.relative(
-        torch.from_numpy(np.asarray(poses_world_from_body, dtype=float))[None, :, None],
-        poses_world_from_part[:, None],
-    )
-    boxes = rounded_boxes([body.shape for body in bodies])
-    body_boxes = RoundedBox(
-        boxes.half_extents[None, :, None].expand(*shape, 2), boxes.radius[None, :, None].expand(shape)
-    )
-    part_boxes = RoundedBox(parts.half_extents.expand(*shape, 2), parts.radius.expand(shape))
-    return signed_gap(body_boxes, part_boxes, pose_body_from_part.expand(*shape, 3)).amin(-1).numpy()

@@ -79,27 +79,28 @@ def table(rows: np.ndarray) -> Mapping[str, str]:
 
 
 def penetration(track: Track) -> Float[np.ndarray, " frames"]:
-    """Deepest overlap (m) in each frame of two bodies that are not one piece."""
+    """Deepest overlap (m) in each frame: of bodies that are not one piece, and of bodies with the tool."""
     scene = track.scene
+    deepest = np.zeros(len(track.times))
+    down = np.flatnonzero(track.down)
+    deepest[down] = -scene.tool_gaps(track.poses[down, 0], track.poses[down, 1:]).min(-1)
     pieces = [set(group) for group in scene.rigid_groups]
     pairs = [
         (i, j)
         for i, j in combinations(range(len(scene.bodies)), 2)
         if not any({scene.names[i], scene.names[j]} <= piece for piece in pieces)
     ]
-    deepest = np.zeros(len(track.times))
-    if not pairs:
-        return deepest
-    boxes = rounded_boxes([body.shape for body in scene.bodies])
-    poses = torch.from_numpy(track.poses[:, 1:])
-    first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
-    reach = boxes.half_extents.norm(dim=-1) + boxes.radius
-    distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
-    frame, pair = torch.nonzero(distance < reach[first] + reach[second], as_tuple=True)
-    a, b = first[pair], second[pair]
-    gaps = signed_gap(take(boxes, a), take(boxes, b), relative(poses[frame, a], poses[frame, b]))
-    np.maximum.at(deepest, frame.numpy(), -gaps.numpy())
-    return deepest
+    if pairs:
+        boxes = rounded_boxes([body.shape for body in scene.bodies])
+        poses = torch.from_numpy(track.poses[:, 1:])
+        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
+        reach = boxes.half_extents.norm(dim=-1) + boxes.radius
+        distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
+        frame, pair = torch.nonzero(distance < reach[first] + reach[second], as_tuple=True)
+        a, b = first[pair], second[pair]
+        gaps = signed_gap(take(boxes, a), take(boxes, b), relative(poses[frame, a], poses[frame, b]))
+        np.maximum.at(deepest, frame.numpy(), -gaps.numpy())
+    return np.maximum(deepest, 0.0)
 
 
 def _travelled(before: np.ndarray, after: np.ndarray) -> Float[np.ndarray, " bodies"]:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from pushgraph.scene import Scene, tool_gaps
+from pushgraph import pose
+from pushgraph.scene import Scene
 from pushgraph.simulation.placement import reach
 from pushgraph.tool import Push
 
@@ -24,9 +25,13 @@ class PushStyle(NamedTuple):
     """What the pushes of a trajectory have in common."""
 
     distance: float
+    """m"""
     speed: float
-    turning: float
-    """Largest rotation of the tool in a push, and whether it comes down turned (rad; 0: neither)."""
+    """m/s"""
+    turned: bool = False
+    """Whether the tool comes down at any yaw; else at zero."""
+    rotation: float = 0.0
+    """Largest rotation of the tool in a push (rad)."""
 
 
 class NoPush(Exception):
@@ -71,16 +76,14 @@ def _candidates(
     aside = rng.uniform(-0.7, 0.7, CANDIDATES) * radius
     tool_reach = scene.tool.reach
     back = radius + tool_reach + rng.uniform(START_CLEARANCE, 0.6 * style.distance, CANDIDATES)
-    yaw = rng.uniform(-math.pi, math.pi, CANDIDATES) * (style.turning > 0)
-    rotation = rng.uniform(-style.turning, style.turning, CANDIDATES)
+    yaw = rng.uniform(-math.pi, math.pi, CANDIDATES) * style.turned
+    rotation = rng.uniform(-style.rotation, style.rotation, CANDIDATES)
     # The middle of the tool is aimed, which may lie off the end-effector.
     middle = np.mean([part.pose_tool_from_part[:2] for part in scene.tool.parts], axis=0)
     back -= np.hypot(*middle)
-    along = np.column_stack((np.cos(direction), np.sin(direction)))
+    along = pose.rotate(np.array([1.0, 0.0]), direction)
     across = np.column_stack((-along[:, 1], along[:, 0]))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    offset = np.column_stack((cos * middle[0] - sin * middle[1], sin * middle[0] + cos * middle[1]))
-    start = poses[target, :2] - back[:, None] * along + aside[:, None] * across - offset
+    start = poses[target, :2] - back[:, None] * along + aside[:, None] * across - pose.rotate(middle, yaw)
     end = start + style.distance * along
     return np.column_stack((start, yaw, end, yaw + rotation))
 
@@ -92,7 +95,7 @@ def _free_starts(
     inside = np.flatnonzero(on_table)
     if not len(inside):
         return inside
-    gaps = tool_gaps(scene.tool, candidates[inside, :3], scene.bodies, poses)
+    gaps = scene.tool_gaps(candidates[inside, :3], poses)
     return inside[gaps.min(-1) >= START_CLEARANCE]
 
 
@@ -102,5 +105,5 @@ def _path_gaps(
     """Gap of the tool along each path to the bodies as they lie now."""
     share = np.linspace(0, 1, PATH_SAMPLES)[:, None]
     path = candidates[:, None, :3] * (1 - share) + candidates[:, None, 3:] * share
-    gaps = tool_gaps(scene.tool, path.reshape(-1, 3), scene.bodies, poses)
+    gaps = scene.tool_gaps(path.reshape(-1, 3), poses)
     return gaps.reshape(len(candidates), PATH_SAMPLES, len(poses))

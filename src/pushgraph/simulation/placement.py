@@ -86,7 +86,7 @@ def _beside(
     direction, yaw = rng.uniform(-math.pi, math.pi, (2, count))
     boxes = rounded_boxes(shapes)
     a, b = take(boxes, torch.from_numpy(neighbour)), take(boxes, torch.full((count,), index))
-    ray = np.column_stack((np.cos(direction), np.sin(direction)))
+    ray = pose.rotate(np.array([1.0, 0.0]), direction)
     distance = np.array([reach(shapes[k]) for k in neighbour]) + reach(shapes[index]) + NEIGHBOUR_GAP[1]
     for _ in range(5):
         candidates = np.column_stack((poses[neighbour, :2] + distance[:, None] * ray, yaw))

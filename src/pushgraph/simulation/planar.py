@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pushgraph.errors import SimulationError
-from pushgraph.scene import OVERLAP, ROBOT, Scene, tool_gaps
+from pushgraph.scene import OVERLAP, ROBOT, Scene
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build, link_name
 from pushgraph.tool import Push
@@ -119,7 +119,7 @@ class PlanarSimulation:
         self._frame_push.append(push)
 
     def _check_start(self, pose_world_from_tool: np.ndarray) -> None:
-        gaps = tool_gaps(self.scene.tool, pose_world_from_tool[None], self.scene.bodies, self.poses)[0]
+        gaps = self.scene.tool_gaps(pose_world_from_tool[None], self.poses)[0]
         if gaps.min() < -OVERLAP:
             raise SimulationError(
                 f"pushes[{len(self._pushes)}].start: the tool would come down on body "

@@ -8,11 +8,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from pushgraph import pose
 from pushgraph.errors import SetupError, SimulationError
 from pushgraph.scene import NOMINAL_TABLE_FRICTION, Body, Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
-from pushgraph.simulation.articulation import draw_joints, vary_joint
+from pushgraph.simulation.articulation import JOINTS, draw_joints, vary_joint
 from pushgraph.simulation.placement import NoRoom, place_cluster, scatter_clusters
 from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.tool import Part, Tool
@@ -35,6 +36,7 @@ ATTEMPTS = 100
 
 REJECTIONS = {
     "room": "no room for a body",
+    "joints": "too few neighbours to join",
     "push": "no push reaches a body",
     "table": "a body left the table",
     "diverged": "the simulation diverged",
@@ -67,8 +69,10 @@ def multiple_parts(rng: np.random.Generator, objects: int, index: int) -> Plan:
     shapes = [_draw_shape(rng) for _ in range(objects)]
     poses = _place(rng, shapes, list(range(objects)), density)
     scene = _scene(shapes, poses, rng.uniform(*MASS, objects))
-    scene = scene.replace(joints=draw_joints(rng, scene))
-    return Plan(scene, density, PushStyle(PUSH_DISTANCE, float(rng.uniform(*PUSH_SPEED)), turning=0.0))
+    joints = draw_joints(rng, scene)
+    if len(joints) < min(JOINTS[0], objects - 1):
+        raise _TooFewNeighbours
+    return Plan(scene.replace(joints=joints), density, PushStyle(PUSH_DISTANCE, float(rng.uniform(*PUSH_SPEED))))
 
 
 def planar(rng: np.random.Generator, objects: int, index: int) -> Plan:
@@ -82,7 +86,7 @@ def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     shapes = [_draw_shape(rng) for _ in range(objects)]
     pieces = _draw_pieces(rng, objects)
     poses = _place(rng, shapes, pieces, density)
-    tool, turning = _draw_tool(rng)
+    tool = _draw_tool(rng)
     groups = [[f"body{k}" for k in np.flatnonzero(np.array(pieces) == piece)] for piece in sorted(set(pieces))]
     scene = _scene(
         shapes,
@@ -97,8 +101,13 @@ def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     if rng.random() < 0.5:
         joints = tuple(vary_joint(rng, scene, joint) for joint in joints)
     speed = float(np.exp(rng.uniform(math.log(0.005), math.log(0.3))))
-    distance = SLOW_DISTANCE if speed < SLOW else PUSH_DISTANCE
-    return Plan(scene.replace(joints=joints), density, PushStyle(distance, speed, turning))
+    style = PushStyle(
+        distance=SLOW_DISTANCE if speed < SLOW else PUSH_DISTANCE,
+        speed=speed,
+        turned=not _is_round(tool),
+        rotation=0.8 if not _is_round(tool) and rng.random() < 0.5 else 0.0,
+    )
+    return Plan(scene.replace(joints=joints), density, style)
 
 
 Setup = Callable[[np.random.Generator, int, int], Plan]
@@ -123,6 +132,8 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
             return Trajectory(_push_around(rng, drawn), drawn.density, rejected)
         except NoRoom:
             rejected[REJECTIONS["room"]] += 1
+        except _TooFewNeighbours:
+            rejected[REJECTIONS["joints"]] += 1
         except NoPush:
             rejected[REJECTIONS["push"]] += 1
         except _LeftTable:
@@ -140,6 +151,10 @@ def find_setup(name: str) -> Setup:
     if name not in SETUPS:
         raise SetupError(f"no setup {name!r}; valid: {', '.join(SETUPS)}")
     return SETUPS[name]
+
+
+class _TooFewNeighbours(Exception):
+    pass
 
 
 class _LeftTable(Exception):
@@ -186,12 +201,11 @@ def _draw_pieces(rng: np.random.Generator, objects: int) -> list[int]:
     return np.sort(rng.integers(max(1, round(0.7 * objects)), size=objects)).tolist()
 
 
-def _draw_tool(rng: np.random.Generator) -> tuple[Tool, float]:
-    """A tool, and the largest rotation it makes in a push (rad)."""
+def _draw_tool(rng: np.random.Generator) -> Tool:
+    """Half of the tools are round, a quarter cuboids, a quarter composed of several parts."""
     kind = rng.random()
     if kind < 0.5:
-        return Tool.round(float(np.exp(rng.uniform(math.log(0.005), math.log(0.12))))), 0.0
-    turning = 0.8 if rng.random() < 0.5 else 1e-9
+        return Tool.round(float(np.exp(rng.uniform(math.log(0.005), math.log(0.12)))))
     count = 1 if kind < 0.75 else int(rng.integers(2, 5))
     place = rng.uniform(-0.15, 0.15, 2) if count > 1 else np.zeros(2)
     parts = []
@@ -199,12 +213,12 @@ def _draw_tool(rng: np.random.Generator) -> tuple[Tool, float]:
         wide = Cuboid(size=(float(rng.uniform(0.02, 0.18)), float(rng.uniform(0.02, 0.10))))
         shape = wide if count == 1 or rng.random() < 0.7 else Cylinder(diameter=float(rng.uniform(0.02, 0.12)))
         parts.append(Part(shape=shape, pose_tool_from_part=(*place.tolist(), float(rng.uniform(-math.pi, math.pi)))))
-        place = place + rng.uniform(0.04, 0.10) * _unit(rng.uniform(-math.pi, math.pi))
-    return Tool(parts=tuple(parts)), turning
+        place = place + pose.rotate(np.array([rng.uniform(0.04, 0.10), 0.0]), rng.uniform(-math.pi, math.pi))
+    return Tool(parts=tuple(parts))
 
 
-def _unit(angle: float) -> np.ndarray:
-    return np.array([math.cos(angle), math.sin(angle)])
+def _is_round(tool: Tool) -> bool:
+    return len(tool.parts) == 1 and isinstance(tool.parts[0].shape, Cylinder)
 
 
 def _place(rng: np.random.Generator, shapes: list, pieces: list[int], density: Density) -> np.ndarray:
