@@ -91,6 +91,8 @@ def main(
             for density in ("all", "dense", "sparse"):
                 chosen = [scenes[k] for k in range(count) if density in ("all", scenes[k][0])]
                 errors = [found[noise, frames] for _, found in chosen if found[noise, frames] is not None]
+                if not any(error.moved.any() for error in errors):
+                    continue
                 labels = {
                     "objects": objects,
                     "frames": frames,

@@ -1,6 +1,7 @@
 """Small scenes that several tests use."""
 
-from pushgraph.scene import Body, Joint, Scene
+from pushgraph.body import Body, Joint
+from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.tool import Push
 

@@ -44,7 +44,7 @@ def test_unknown_values_are_simulated_at_nominal_ones_and_it_says_so(tmp_path: P
     scene = json.loads(workshop().to_json())
     del scene["bodies"][0]["mass"]
     scene["side_friction"] = None
-    scene["unlisted_pairs"] = "unknown"
+    scene["unknown_pairs"] = "unlisted"
     path = tmp_path / "scene.json"
     path.write_text(json.dumps(scene))
     assert run("simulate", str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 0
@@ -61,7 +61,29 @@ def test_help_shows_an_example_for_every_command(capsys) -> None:
 
 def test_a_scene_that_is_not_there_is_said_with_the_shipped_ones(capsys) -> None:
     assert run("simulate", "nowhere.json") == 1
-    assert "nowhere.json: no such file; shipped scenes: demo" in capsys.readouterr().err
+    assert (
+        "nowhere.json: cannot read this scene: No such file or directory; shipped scenes: demo"
+        in capsys.readouterr().err
+    )
+
+
+def test_the_shipped_scene_is_found_beside_a_folder_of_its_name(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert run("simulate", "demo", "--animation", "none") == 0
+    assert (tmp_path / "demo" / "picture.png").exists()
+
+
+@pytest.mark.parametrize("name", ["[/x]", "[red]", "x" * 300, "a\0b"])
+def test_odd_names_of_files_are_no_tracebacks(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("simulate", name) == 1
+    assert name[:4] in capsys.readouterr().err
+    assert run("generate", name, "--count", "1", "--out", "x.h5") == 1
+    assert f"no setup {name!r}" in capsys.readouterr().err
+    if len(name) < 10 and "\0" not in name:
+        assert run("simulate", "demo", "--animation", "none", "--out", name) == 0
+        assert name in capsys.readouterr().out
 
 
 def test_a_folder_and_a_binary_file_are_no_scenes(tmp_path: Path, capsys) -> None:

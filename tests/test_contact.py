@@ -166,13 +166,14 @@ def test_gradient_matches_finite_differences() -> None:
     assert wrong.double().mean() < 0.002
 
 
-def test_gradient_of_every_output_reaches_sizes_and_poses_and_is_finite_at_degenerate_poses() -> None:
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_gradient_of_every_output_reaches_sizes_and_poses_and_is_finite_at_degenerate_poses(dtype: torch.dtype) -> None:
     shapes = [cylinder(0.1), cylinder(0.02), cuboid(0.1, 0.1), cuboid(0.2, 0.04)]
     poses = [at(0, 0), at(0, 0, math.pi / 4), at(0.1, 0), at(0, 0.1), at(0.05, 0.05), at(0.06, 0), at(0.15, 0.07)]
     for a in shapes:
         for b in shapes:
             for pose in poses:
-                leaves = [t.clone().requires_grad_() for t in (*a, *b, pose)]
+                leaves = [t.to(dtype).clone().requires_grad_() for t in (*a, *b, pose)]
                 result = contact_between(RoundedBox(*leaves[:2]), RoundedBox(*leaves[2:4]), leaves[4])
                 sum(output.sum() for output in result).backward()
                 assert all(leaf.grad is not None and leaf.grad.isfinite().all() for leaf in leaves)
@@ -204,3 +205,36 @@ def test_float32_gap_far_from_the_origin_keeps_its_precision() -> None:
         RoundedBox(*(t.float() for t in a)), RoundedBox(*(t.float() for t in b)), relative(far.float(), pose_b)
     )
     np.testing.assert_allclose(single, signed_gap(a, b, pose_a_from_b), atol=1e-5)
+
+
+def test_at_a_tie_both_functions_give_the_gradient_of_one_feature() -> None:
+    for a, b, at_tie in (
+        (cuboid(0.1, 0.1), cuboid(0.1, 0.1), at(0.099, 0.01)),
+        (cylinder(0.04), cuboid(0.2, 0.1), at(0.02, 0.04)),
+        (cuboid(0.2, 0.1), cylinder(0.04), at(0.02, 0.04)),
+    ):
+        gradients = []
+        for gap in (signed_gap, lambda *pair: contact_between(*pair).gap):
+            pose = at_tie.clone().requires_grad_()
+            gap(a, b, pose).backward()
+            gradients.append(pose.grad)
+        np.testing.assert_allclose(gradients[0], gradients[1], atol=1e-12)
+
+
+def test_the_gap_of_a_cylinder_inside_a_cuboid_does_not_depend_on_its_own_yaw() -> None:
+    pose = at(0.02, 0.04).requires_grad_()
+    signed_gap(cuboid(0.2, 0.1), cylinder(0.04), pose).backward()
+    np.testing.assert_allclose(pose.grad, [0, 1, 0], atol=1e-12)
+
+
+def test_second_contacts_lie_on_both_surfaces_across_from_each_other() -> None:
+    a, b, pose = random_pairs(8, 20_000)
+    result = contact_between(a, b, pose)
+    parted = (result.gap > 0) & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
+    origin_in_b = inverse(pose)
+    on_a, on_b = result.points_a[parted, 1], transform(origin_in_b, result.points_b[:, 1])[parted]
+    for half, points in ((a.half_extents[parted], on_a), (b.half_extents[parted], on_b)):
+        outside = (points.abs() - half).amax(-1)
+        np.testing.assert_allclose(outside, 0, atol=1e-9)
+    length = torch.linalg.vector_norm(result.points_b[parted, 1] - result.points_a[parted, 1], dim=-1)
+    np.testing.assert_allclose(length, result.gaps[parted, 1], atol=1e-9)

@@ -104,19 +104,28 @@ def test_ray_writes_the_same_bytes(small: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "data.h5") == digest(small)
 
 
-def test_killed_at_ten_random_moments_it_ends_with_the_same_bytes(small: Path, tmp_path: Path) -> None:
+def test_killed_at_ten_random_moments_it_ends_with_the_same_bytes(tmp_path: Path) -> None:
+    """Half of the kills come soon after the start, half soon after a further block is done."""
+    recipe = {"setup": "planar", "objects": 4, "count": 48, "seed": 8}
     rng = random.Random(1)
-    out = tmp_path / "data.h5"
-    for _ in range(10):
+    out, parts = tmp_path / "data.h5", tmp_path / "data.h5.parts"
+    blocks_left = []
+    for kill in range(10):
+        blocks = len(list(parts.glob("from_*.h5")))
         process = subprocess.Popen(
-            command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+            command(out, **recipe), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        time.sleep(rng.uniform(1.0, 4.0))
+        while kill % 2 and process.poll() is None and len(list(parts.glob("from_*.h5"))) == blocks:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.3 if kill % 2 else 3.0))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    subprocess.run(command(out), check=True, capture_output=True)
-    assert digest(out) == digest(small)
+        blocks_left.append(len(list(parts.glob("from_*.h5"))))
+    assert any(0 < blocks < 6 for blocks in blocks_left)
+    subprocess.run(command(out, **recipe), check=True, capture_output=True)
     assert [path.name for path in tmp_path.iterdir()] == ["data.h5"]
+    subprocess.run(command(tmp_path / "unbroken.h5", workers=1, **recipe), check=True, capture_output=True)
+    assert digest(out) == digest(tmp_path / "unbroken.h5")
 
 
 def test_finished_blocks_are_not_drawn_again(small: Path, tmp_path: Path, monkeypatch) -> None:
@@ -255,10 +264,12 @@ def test_two_processes_do_not_share_one_output(tmp_path: Path) -> None:
     ("change", "error", "message"),
     [
         ({"setup": "paper"}, SetupError, "no setup 'paper'; valid: multiple-parts, planar"),
-        ({"objects": 0}, DatasetError, "objects: must be at least 1, got 0"),
-        ({"count": 0}, DatasetError, "count: must be at least 1"),
-        ({"seed": -1}, DatasetError, "seed: must be at least 0"),
-        ({"workers": 0}, DatasetError, "workers: must be at least 1"),
+        ({"objects": 0}, DatasetError, "objects: must be from 1 to 1000, got 0"),
+        ({"count": 0}, DatasetError, "count: must be from 1 to"),
+        ({"seed": -1}, DatasetError, "seed: must be from 0 to"),
+        ({"seed": 2**63}, DatasetError, "seed: must be from 0 to"),
+        ({"objects": 1001}, DatasetError, "objects: must be from 1 to 1000"),
+        ({"workers": 0}, DatasetError, "workers: must be from 1 to"),
         ({"engine": "spark"}, DatasetError, "no engine 'spark'; valid: processes, ray"),
     ],
 )

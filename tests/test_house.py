@@ -17,6 +17,7 @@ ORDER = [
     "contact",
     "shape",
     "tool",
+    "body",
     "scene",
     "track",
     "simulation",

@@ -10,8 +10,9 @@ from pydantic import ValidationError
 from scenes import body, workshop
 
 from pushgraph import pose
+from pushgraph.body import Body, Joint
 from pushgraph.errors import SceneError
-from pushgraph.scene import Body, Joint, Scene, Table
+from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.tool import Part, Push, Tool
 
@@ -25,7 +26,7 @@ def test_json_reads_back_bit_for_bit() -> None:
 
 
 def test_unknown_values_survive_json() -> None:
-    scene = workshop().replace(table=Table(friction=None), side_friction=None, unlisted_pairs="unknown")
+    scene = workshop().replace(table=Table(friction=None), side_friction=None, unknown_pairs=(("lid", "cup"),))
     scene = scene.replace(bodies=tuple(b.replace(mass=None, yaw_known=False) for b in scene.bodies))
     assert Scene.from_json(scene.to_json()) == scene
 
@@ -48,6 +49,7 @@ def test_scenes_are_immutable() -> None:
         (lambda: body("a", math.inf, 0), r"body.* 'a'|pose_world_from_body\[0\]: Input should be"),
         (lambda: body("a", 0, 0, mass=0.0), r"mass: Input should be greater than or equal to 0.001, got 0.0"),
         (lambda: body("robot", 0, 0), r"name: 'robot' is the end-effector's name"),
+        (lambda: body("cup ", 0, 0), r"name: String should match pattern"),
         (lambda: body("", 0, 0), r"name: String should match pattern"),
         (
             lambda: Joint(kind="ball", parent="a", child="b"),
@@ -58,6 +60,7 @@ def test_scenes_are_immutable() -> None:
         (lambda: Joint(kind="prismatic", parent="a", child="b", axis=(0, 0)), r"axis: must be a direction"),
         (lambda: Joint(kind="fixed", parent="a", child="b", limits=(0, 1)), r"limits: a fixed joint has none"),
         (lambda: Joint(kind="revolute", parent="a", child="b", limits=(1, 2)), r"limits: must be \[lowest <= 0"),
+        (lambda: Joint(kind="revolute", parent="a", child="b", limits=(0, 0)), r"with lowest < highest"),
         (lambda: Push(start=(0, 0)), r"needs either end, or direction and distance"),
         (lambda: Push(start=(0, 0), end=(1, 0), direction=0.0), r"needs either end, or direction and distance"),
         (lambda: Push(start=(0, 0), direction=0.0), r"needs either end, or direction and distance"),
@@ -91,6 +94,12 @@ def test_scenes_are_immutable() -> None:
             lambda: workshop().replace(joints=(Joint(kind="fixed", parent="cup", child="handle"),)),
             r"joints\[0\]: a rigid group holds both",
         ),
+        (
+            lambda: workshop().replace(pushes=(Push(start=(-0.5, 0), end=(0.5, 0), speed=0.001),)),
+            r"pushes\[0\]: takes 1000 s at this speed; at most 600 s",
+        ),
+        (lambda: workshop().replace(unknown_pairs=(("cup", "nut"),)), r"unknown_pairs\[0\]: no body 'nut'"),
+        (lambda: workshop().replace(unknown_pairs=(("plate", "lid"),)), r"unknown_pairs\[0\]: .*known to be joined"),
         (lambda: workshop().replace(rigid_groups=(("cup", "nut"),)), r"rigid_groups\[0\]: no body 'nut'"),
         (lambda: workshop().replace(rigid_groups=(("cup", "handle"), ("cup", "lid"))), r"'cup' stands twice"),
         (
@@ -122,6 +131,7 @@ def test_what_does_not_fit_is_named(build, message: str) -> None:
         ('"version": 1', '"version": "1"', r'"version" must be 1'),
         ("pushgraph.scene", "pushgraph.track", r'"format" must be "pushgraph.scene"'),
         ('"bodies"', '"bodies', r"scene.json: not valid JSON: .*line"),
+        ('"mass": 0.3', '"mass": -5, "mass": 0.3', r"scene.json: .*'mass' stands twice in one object"),
     ],
 )
 def test_a_file_with_a_fault_is_refused_by_body_and_field(tmp_path: Path, old: str, new: str, message: str) -> None:

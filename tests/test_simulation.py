@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from pushgraph.body import Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.pose import inverse, relative, transform
-from pushgraph.scene import Body, Joint, Scene, Table
+from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar import PlanarSimulation, simulate

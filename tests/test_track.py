@@ -7,9 +7,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scenes import workshop
+from scenes import body, workshop
 
 from pushgraph.errors import StorageError, TrackError
+from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.track import COLUMNS, Track
 
@@ -78,7 +79,7 @@ def test_yaw_may_be_missing_only_where_the_scene_says_it_is_unknown(tmp_path: Pa
     path = camera_csv(tmp_path / "camera.csv", ["0,robot,-0.2,0,0,0", "0,cup,0.25,0,,0"])
     with pytest.raises(TrackError, match="pose of 'cup' at 0 s is .*only a body with yaw_known false"):
         Track.load(path, scene)
-    blind = scene.replace(bodies=tuple(body.replace(yaw_known=body.name != "cup") for body in scene.bodies))
+    blind = scene.replace(bodies=tuple(seen.replace(yaw_known=seen.name != "cup") for seen in scene.bodies))
     assert np.isnan(Track.load(path, blind).poses[0, 3, 2])
 
 
@@ -88,11 +89,12 @@ def test_yaw_may_be_missing_only_where_the_scene_says_it_is_unknown(tmp_path: Pa
         (["0,robot,nan,0,0,0"], "line 2: x: must be a finite number, got 'nan'"),
         (["0,robot,0,0,0,0", "0,plate,0,inf,0,0"], "line 3: y: must be a finite number"),
         (["0,robot,0,0,0,0", "0,nut,0,0,0,0"], "line 3: no body 'nut'; valid: robot, plate, lid, cup, handle"),
-        (["0,robot,0,0,0,0", "0.1,robot,0,0,0,0", "0.05,robot,0,0,0,0"], "times must rise: frame 2 has 0.05 s"),
+        (["0,robot,0,0,0,0", "0.1,robot,0,0,0,0", "0.05,robot,0,0,0,0"], "line 4: times must rise: 0.05 s after 0.1 s"),
         (["0,robot,0,0,0,0", "0,robot,0,0,0,0"], "line 3: 'robot' stands twice at 0 s"),
         (["0,plate,0,0,0,0"], "'robot' is missing at 0 s"),
         (["0,robot,0,0,0,9"], "push 9 at frame 0: valid are -1"),
         (["0,robot,0,0,0,0.5"], "line 2: push: must be a whole number"),
+        (["0,robot,0,0,0,1e30"], "line 2: push: must be a whole number"),
         (["0,robot,0,0"], "line 2: 6 columns are needed, got 4"),
         (["soon,robot,0,0,0,0"], "line 2: time: must be a finite number, got 'soon'"),
         ([], "at least one frame"),
@@ -127,6 +129,46 @@ def test_a_truncated_or_foreign_hdf5_file_is_refused(track: Track, tmp_path: Pat
         Track.load(path)
     with pytest.raises(TrackError, match="cannot read this track"):
         Track.load(tmp_path / "nowhere.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("nodes", [1, 2, 3, 4, 5]),
+        ("times", "noon"),
+        ("times", [[0.0, 0.05]]),
+        ("times", 1.0),
+        ("push", [0.5] * 5),
+        ("seen", [1] * 5),
+        ("poses", None),
+    ],
+)
+def test_hdf5_arrays_of_another_kind_are_refused(track: Track, tmp_path: Path, name: str, value) -> None:
+    path = tmp_path / "track.h5"
+    track.save(path)
+    with h5py.File(path, "a") as file:
+        del file[name]
+        if value is None:
+            file.create_group(name)
+        else:
+            file[name] = value
+    with pytest.raises(TrackError, match="track.h5"):
+        Track.load(path)
+
+
+def test_hdf5_attributes_of_another_kind_are_refused(track: Track, tmp_path: Path) -> None:
+    path = tmp_path / "track.h5"
+    for name, value in (("scene", 3), ("format", [1, 2]), ("version", [1, 2]), ("version", 2)):
+        track.save(path)
+        with h5py.File(path, "a") as file:
+            file.attrs[name] = value
+        with pytest.raises(TrackError, match="track.h5"):
+            Track.load(path)
+
+
+def test_a_turned_body_starts_at_its_scene_s_pose() -> None:
+    turned = Scene(bodies=(body("plate", 0.0, -0.3, yaw=3.5),))
+    assert simulate(turned).poses[0, 1] == pytest.approx([0.0, -0.3, 3.5])
 
 
 def test_arrays_that_do_not_fit_are_refused(track: Track) -> None:

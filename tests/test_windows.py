@@ -91,6 +91,8 @@ def test_windows_longer_than_any_push_and_bad_settings_are_refused(ragged: Datas
         WindowSampler(ragged, frames=5000).batch(0)
     with pytest.raises(DatasetError, match="batch: must be at least 1, got 0"):
         WindowSampler(ragged, batch=0)
+    with pytest.raises(DatasetError, match="memory: must be at least 1, got 0"):
+        WindowSampler(ragged, memory=0)
 
 
 def test_an_open_dataset_can_be_sampled_by_name(ragged: Dataset) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -36,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         app(arguments)
     except PushGraphError as error:
-        Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {_escape(str(error))}", highlight=False)
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False)
         sys.exit(1)
 
 
@@ -93,7 +94,7 @@ def generate(
     from pushgraph.dataset.summary import table
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -115,22 +116,24 @@ def generate(
     for name, value in rows.items():
         summary.add_row(name, value)
     console.print(summary)
-    console.print(f"Dataset: {path} ({path.stat().st_size / 2**20:.1f} MiB)", soft_wrap=True)
+    console.print(f"Dataset: {path} ({path.stat().st_size / 2**20:.1f} MiB)", soft_wrap=True, markup=False)
 
 
 def _simulate(source: str, out: Path, animation: str) -> None:
     from pushgraph.simulation.planar import simulate
-    from pushgraph.viewer.animation import save_animation
+    from pushgraph.viewer.animation import check_animation, save_animation
     from pushgraph.viewer.picture import save_picture
 
     if animation not in ("gif", "mp4", "none"):
         raise typer.BadParameter(f"{animation!r}; valid: gif, mp4, none", param_hint="--animation")
+    if animation != "none":
+        check_animation(out / f"animation.{animation}")
     scene = _load_scene(source)
     known = scene.with_nominal_values()
     if known != scene:
         console.print("Unknown masses and frictions are simulated at their nominal values.")
-    if scene.unlisted_pairs == "unknown":
-        console.print("Pairs that the scene does not list are simulated as not joined.")
+    if scene.unknown_pairs:
+        console.print("Unknown pairs are simulated as not joined.")
     track = simulate(known)
     outputs = [out / "track.h5", out / "track.csv", out / "picture.png"]
     track.save(outputs[0])
@@ -140,19 +143,21 @@ def _simulate(source: str, out: Path, animation: str) -> None:
         outputs.append(out / f"animation.{animation}")
         save_animation(track, outputs[-1])
     console.print(_final_poses(track))
-    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True)
+    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
 def _load_scene(source: str):
     from pushgraph.scene import Scene
 
-    shipped = SHIPPED_SCENES / f"{source}.json"
-    if "/" not in source and not Path(source).exists() and shipped.exists():
-        return Scene.load(shipped)
-    if not Path(source).exists():
-        names = ", ".join(sorted(path.stem for path in SHIPPED_SCENES.glob("*.json")))
-        raise SceneError(f"{source}: no such file; shipped scenes: {names}")
-    return Scene.load(source)
+    shipped = {path.stem: path for path in SHIPPED_SCENES.glob("*.json")}
+    if source in shipped and not Path(source).is_file():
+        return Scene.load(shipped[source])
+    try:
+        return Scene.load(source)
+    except SceneError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise SceneError(f"{error}; shipped scenes: {', '.join(sorted(shipped))}") from None
+        raise
 
 
 def _final_poses(track) -> Table:
@@ -165,9 +170,3 @@ def _final_poses(track) -> Table:
         moved, turned = np.hypot(*change[node, :2]) * 100, np.degrees(change[node, 2])
         table.add_row(name, f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
     return table
-
-
-def _escape(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)

@@ -52,8 +52,9 @@ class Contact(NamedTuple):
 def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Contact:
     """Return the contact of each pair; float32 or float64.
 
-    Gradients are finite everywhere, and exact wherever the gap is smooth: all but the poses at which two
-    nearest features tie (parallel faces that turn, coincident centres), where they are those of one of them.
+    Gradients are finite everywhere, and those of the gap exact and continuous wherever it is smooth: all but
+    the poses at which nearest features tie (parallel faces that turn, coincident centres, two corners that
+    touch), where they are those of one of them. Beside a corner the normal turns as fast as 1 / gap.
     """
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
     face = _best_face(a, b, pose_a_from_b)
@@ -89,7 +90,9 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
     """Return only the signed gap of each pair (m), at half the cost of `contact_between`."""
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
-    separation = _separations(a, b, pose_a_from_b).amax(-1)
+    separations = _separations(a, b, pose_a_from_b)
+    best = _first_smallest(-separations)
+    separation = separations.take_along_dim(best[..., None], -1).squeeze(-1)
     distance, _ = _distance(core_b - core_a, separation)
     return distance - a.radius - b.radius
 
@@ -145,12 +148,18 @@ def _distance(
 
 
 def _separations(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 8"]:
-    """How far each box lies beyond each of the other's faces: the four of a, then the four of b."""
+    """How far each box lies beyond each of the other's faces: the four of a, then the four of b.
+
+    A point has no faces, but between two points the axes of their frames serve.
+    """
 
     def beyond(box: RoundedBox, other: RoundedBox, pose_box_from_other: Tensor) -> Tensor:
         corners = transform(pose_box_from_other[..., None, :], _corners(other.half_extents))
-        heights = torch.cat((corners, -corners), -1).amin(-2)
-        return heights - torch.cat((box.half_extents, box.half_extents), -1)
+        heights = torch.cat((corners, -corners), -1).transpose(-1, -2)
+        lowest = heights.take_along_dim(_first_smallest(heights)[..., None], -1).squeeze(-1)
+        faceless = (box.half_extents.amax(-1) == 0) & (other.half_extents.amax(-1) > 0)
+        separation = lowest - torch.cat((box.half_extents, box.half_extents), -1)
+        return torch.where(faceless[..., None], -torch.inf, separation)
 
     return torch.cat((beyond(a, b, pose_a_from_b), beyond(b, a, inverse(pose_a_from_b))), -1)
 

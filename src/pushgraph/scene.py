@@ -14,78 +14,28 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float
-from pydantic import Field, StringConstraints, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from pushgraph import pose
+from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, RoundedBox, contact_between, signed_gap
 from pushgraph.errors import SceneError
 from pushgraph.record import Record, explain
-from pushgraph.shape import Length, Point, Pose, Shape, rounded_boxes, take
+from pushgraph.shape import Length, Point, Pose, rounded_boxes, take
 from pushgraph.tool import Push, Tool
 
 FORMAT = "pushgraph.scene"
 VERSION = 1
-ROBOT = "robot"
-"""Name of the end-effector in tracks; no body may bear it."""
 OVERLAP = 1e-3
 """Bodies that overlap deeper than this (m) are refused, unless one rigid group holds both."""
 
+LONGEST_PUSH = 600.0
+"""s"""
 NOMINAL_MASS = 0.6
 NOMINAL_TABLE_FRICTION = 0.45
 NOMINAL_SIDE_FRICTION = 0.25
 TRUSTED = {"trusted": True}
 """Validation context of scenes that were checked when they were written: skips the geometry."""
-
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_. -]{0,63}$")]
-
-
-class Body(Record):
-    """An object on the table."""
-
-    name: Name
-    shape: Shape
-    pose_world_from_body: Pose
-    mass: Annotated[float, Field(ge=0.001, le=1000)] | None = None
-    """kg; None: unknown."""
-    yaw_known: bool = True
-    """False where the robot cannot see how the body is turned, as with a plain cylinder."""
-
-    @field_validator("name")
-    @classmethod
-    def _not_the_robot(cls, name: str) -> str:
-        if name == ROBOT:
-            raise ValueError(f"{ROBOT!r} is the end-effector's name; choose another")
-        return name
-
-
-class Joint(Record):
-    """A joint between two bodies, given in the world frame at the bodies' poses in the scene.
-
-    What is left out follows from the geometry: see `Scene.joint_frame`.
-    """
-
-    kind: Literal["fixed", "revolute", "prismatic"]
-    parent: Name
-    child: Name
-    anchor: Point | None = None
-    axis: Point | None = None
-    """Direction in which the child slides relative to the parent (prismatic only); any length but zero."""
-    limits: tuple[Annotated[float, Field(ge=-100, le=100)], Annotated[float, Field(ge=-100, le=100)]] | None = None
-    """Lowest and highest angle (rad) or displacement (m), zero at the scene's poses."""
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "Joint":
-        if self.parent == self.child:
-            raise ValueError(f"joins {self.parent!r} to itself; parent and child must differ")
-        if self.axis is not None and self.kind != "prismatic":
-            raise ValueError(f"axis: only a prismatic joint has an axis, this one is {self.kind}")
-        if self.axis is not None and math.hypot(*self.axis) < 1e-6:
-            raise ValueError(f"axis: must be a direction of non-zero length, got {list(self.axis)}")
-        if self.limits is not None and self.kind == "fixed":
-            raise ValueError("limits: a fixed joint has none")
-        if self.limits is not None and not self.limits[0] <= 0 <= self.limits[1]:
-            raise ValueError(f"limits: must be [lowest <= 0, highest >= 0], got {list(self.limits)}")
-        return self
 
 
 class Table(Record):
@@ -127,8 +77,8 @@ class Scene(Record):
     table: Table = Table()
     side_friction: Annotated[float, Field(ge=0, le=2)] | None = NOMINAL_SIDE_FRICTION
     """Between bodies, and between bodies and tool; None: unknown."""
-    unlisted_pairs: Literal["unjoined", "unknown"] = "unjoined"
-    """What is known of the pairs that `joints` and `rigid_groups` do not list."""
+    unknown_pairs: tuple[tuple[Name, Name], ...] | Literal["unlisted"] = ()
+    """Pairs that may be joined or not; "unlisted": all that `joints` and `rigid_groups` do not list."""
 
     @model_validator(mode="after")
     def _consistent(self, info: Any) -> "Scene":
@@ -163,6 +113,12 @@ class Scene(Record):
             if any(pair <= set(group) for group in self.rigid_groups):
                 raise ValueError(f"joints[{index}]: a rigid group holds both {joint.parent!r} and {joint.child!r}")
             joined.add(pair)
+        for index, names_of_pair in enumerate(self.unknown_pairs if isinstance(self.unknown_pairs, tuple) else ()):
+            pair = frozenset(names_of_pair)
+            for name in pair - set(names):
+                raise ValueError(f"unknown_pairs[{index}]: no body {name!r}; {valid}")
+            if len(pair) < 2 or pair in joined or any(pair <= set(group) for group in self.rigid_groups):
+                raise ValueError(f"unknown_pairs[{index}]: {list(names_of_pair)} is one body, or known to be joined")
 
     def _check_places(self) -> None:
         on_table = self.table.holds(np.array([body.pose_world_from_body[:2] for body in self.bodies]))
@@ -172,11 +128,7 @@ class Scene(Record):
                 raise ValueError(
                     f"body {body.name!r}: pose_world_from_body: the centre stands off the table of {x:g} x {y:g} m"
                 )
-        apart = [
-            (i, j)
-            for i, j in combinations(range(len(self.bodies)), 2)
-            if not any({self.bodies[i].name, self.bodies[j].name} <= set(group) for group in self.rigid_groups)
-        ]
+        apart = self.pairs_apart
         if apart:
             gaps = self.contacts(apart).gap.numpy()
             if gaps.min() < -OVERLAP:
@@ -184,6 +136,12 @@ class Scene(Record):
                 raise ValueError(
                     f"bodies {self.bodies[i].name!r} and {self.bodies[j].name!r}: pose_world_from_body: they overlap "
                     f"by {-gaps.min() * 1e3:.1f} mm; at most {OVERLAP * 1e3:g} mm is valid outside a rigid group"
+                )
+        for index, push in enumerate(self.pushes):
+            if push.path_length(self.tool) / push.speed > LONGEST_PUSH:
+                raise ValueError(
+                    f"pushes[{index}]: takes {push.path_length(self.tool) / push.speed:.0f} s at this speed; at most "
+                    f"{LONGEST_PUSH:g} s are valid"
                 )
         if self.pushes:
             start = np.array([[*self.pushes[0].start, self.pushes[0].yaw]])
@@ -203,6 +161,13 @@ class Scene(Record):
     def poses_world_from_body(self) -> Float[np.ndarray, "bodies 3"]:
         """Poses of the bodies, in order."""
         return np.array([body.pose_world_from_body for body in self.bodies])
+
+    @property
+    def pairs_apart(self) -> list[tuple[int, int]]:
+        """Pairs of bodies (indices, in order) that no rigid group holds both of."""
+        piece = {name: index for index, group in enumerate(self.rigid_groups) for name in group}
+        pieces = [piece.get(body.name, -1 - k) for k, body in enumerate(self.bodies)]
+        return [(i, j) for i, j in combinations(range(len(pieces)), 2) if pieces[i] != pieces[j]]
 
     def contacts(self, pairs: Sequence[tuple[int, int]]) -> Contact:
         """Contact of each pair of bodies (indices), in the frame of the first (float64)."""
@@ -302,8 +267,9 @@ class Scene(Record):
         """Read a scene from a JSON file."""
         try:
             text = Path(path).read_bytes()
-        except OSError as error:
-            raise SceneError(f"{path}: cannot read this scene: {error.strerror}") from None
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise SceneError(f"{path}: cannot read this scene: {reason}") from error
         return cls.from_json(text, str(path))
 
 
@@ -314,10 +280,18 @@ def _parsed(text: str | bytes) -> object:
         return None
 
 
+def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} stands twice in one object")
+    return fields
+
+
 def _check_header(text: str | bytes, source: str) -> None:
     """Refuse what is no scene, or a scene of another version, before its fields are looked at."""
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_without_duplicates)
     except RecursionError:
         raise SceneError(f"{source}: not a scene: nested too deeply") from None
     except ValueError as error:

@@ -61,6 +61,10 @@ class Push(Record):
             raise ValueError(f"end: at most 5 m from start, got {math.dist(self.start, self.end):.3g} m")
         return self
 
+    def path_length(self, tool: Tool) -> float:
+        """Distance plus rotation times the tool's reach (m): no point of the tool moves farther."""
+        return math.hypot(*self.displacement) + abs(self.rotation) * tool.reach
+
     @property
     def displacement(self) -> tuple[float, float]:
         """End minus start (m)."""

@@ -3,6 +3,7 @@
 import csv
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,9 @@ import h5py
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pushgraph.body import ROBOT
 from pushgraph.errors import SceneError, TrackError
-from pushgraph.scene import ROBOT, Scene
+from pushgraph.scene import Scene
 from pushgraph.storage import replacing, replacing_hdf5
 
 FRAME = 0.05
@@ -108,7 +110,7 @@ class Track:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""
-        if Path(path).suffix == ".csv":
+        if Path(path).suffix.lower() == ".csv":
             self._save_csv(path)
         else:
             self._save_hdf5(path)
@@ -116,7 +118,7 @@ class Track:
     @classmethod
     def load(cls, path: str | os.PathLike, scene: Scene | None = None) -> "Track":
         """Read HDF5, or CSV if the name ends in .csv; a CSV needs the scene."""
-        if Path(path).suffix == ".csv":
+        if Path(path).suffix.lower() == ".csv":
             if scene is None:
                 raise TrackError(f"{path}: a CSV track does not hold its scene; pass one")
             return cls._load_csv(path, scene)
@@ -133,9 +135,9 @@ class Track:
     def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> "Track":
         try:
             with h5py.File(path, "r") as file:
-                if file.attrs.get("format") != FORMAT:
+                if str(file.attrs.get("format")) != FORMAT:
                     raise TrackError(f"{path}: not a track: attribute 'format' must be {FORMAT!r}")
-                if file.attrs.get("version") != VERSION:
+                if str(file.attrs.get("version")) != str(VERSION):
                     raise TrackError(
                         f"{path}: track version {file.attrs.get('version')}, this pushgraph reads {VERSION}"
                     )
@@ -143,9 +145,9 @@ class Track:
                 nodes = [name.decode() for name in file["nodes"][()]]
                 if nodes != [ROBOT, *scene.names]:
                     raise TrackError(f"{path}: its nodes {nodes} are not those of the scene, {[ROBOT, *scene.names]}")
-                arrays = {name: file[name][()] for name in ("times", "poses", "push", "seen")}
+                arrays = {name: _array(file, name, kind, axes) for name, (kind, axes) in _ARRAYS.items()}
             return cls(scene, **arrays)
-        except (OSError, KeyError) as error:
+        except (OSError, KeyError, AttributeError, TypeError, ValueError) as error:
             raise TrackError(f"{path}: cannot read this track, it may be truncated: {error}") from None
         except (TrackError, SceneError) as error:
             raise TrackError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
@@ -163,7 +165,7 @@ class Track:
     @classmethod
     def _load_csv(cls, path: str | os.PathLike, scene: Scene) -> "Track":
         try:
-            with open(path, newline="", encoding="utf-8") as file:
+            with open(path, newline="", encoding="utf-8-sig") as file:
                 rows = list(csv.reader(file))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise TrackError(f"{path}: cannot read this track: {error}") from None
@@ -173,6 +175,17 @@ class Track:
             return cls(scene, **_from_rows(rows[1:], (ROBOT, *scene.names)))
         except TrackError as error:
             raise TrackError(f"{path}: {error}") from None
+
+
+_ARRAYS = {"times": ("f", 1), "poses": ("f", 3), "push": ("i", 1), "seen": ("b", 2)}
+"""Kind of number and number of axes of each array in HDF5."""
+
+
+def _array(file: h5py.File, name: str, kind: str, axes: int) -> np.ndarray:
+    array = np.asarray(file[name][()])
+    if array.dtype.kind != kind or array.ndim != axes:
+        raise TrackError(f"{name}: must be {axes}-dimensional of kind {kind!r}, got {array.dtype} of {array.shape}")
+    return array
 
 
 def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str, np.ndarray]:
@@ -190,6 +203,8 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str,
         if name not in nodes:
             raise TrackError(f"line {line}: no body {name!r}; valid: {', '.join(nodes)}")
         node = nodes.index(name)
+        if times and time < times[-1]:
+            raise TrackError(f"line {line}: times must rise: {time:g} s after {times[-1]:g} s")
         if not times or time != times[-1]:
             times.append(time)
             poses.append(np.full((len(nodes), 3), np.nan))
@@ -201,10 +216,9 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str,
         yaw = _number(row[4], line, "yaw") if row[4].strip() else math.nan
         poses[-1][node] = (_number(row[2], line, "x"), _number(row[3], line, "y"), yaw)
         if name == ROBOT:
-            value = _number(row[5], line, "push")
-            if value != int(value):
+            if not re.fullmatch(r"-?\d{1,6}", row[5].strip()):
                 raise TrackError(f"line {line}: push: must be a whole number, got {row[5]!r}")
-            push[-1] = int(value)
+            push[-1] = int(row[5])
     stacked = np.array(poses).reshape(-1, len(nodes), 3)
     return {
         "times": np.array(times, dtype=float),

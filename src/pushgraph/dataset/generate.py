@@ -40,14 +40,10 @@ def generate(
     find_setup(setup)
     if engine not in ENGINES:
         raise DatasetError(f"no engine {engine!r}; valid: {', '.join(ENGINES)}")
-    for name, value, least in (
-        ("objects", objects, 1),
-        ("count", count, 1),
-        ("seed", seed, 0),
-        ("workers", workers, 1),
-    ):
-        if value < least:
-            raise DatasetError(f"{name}: must be at least {least}, got {value}")
+    bounds = {"objects": (objects, 1, 1000), "count": (count, 1, 10**9), "seed": (seed, 0, 2**63 - 1)}
+    for name, (value, least, most) in (bounds | {"workers": (workers, 1, 10_000)}).items():
+        if not least <= value <= most:
+            raise DatasetError(f"{name}: must be from {least} to {most}, got {value}")
     out = Path(out)
     recipe = Recipe(setup=setup, objects=objects, seed=seed, first=0, count=count)
     if out.exists():
@@ -64,7 +60,7 @@ def generate(
             done += block.count
             progress(done)
         _join(out, recipe, [_part(parts, block) for block in blocks])
-    shutil.rmtree(parts)
+        shutil.rmtree(parts)
     return out
 
 
@@ -91,15 +87,16 @@ def _parts_folder(out: Path, recipe: Recipe) -> Iterator[Path]:
     parts = out.with_name(out.name + ".parts")
     try:
         parts.mkdir(parents=True, exist_ok=True)
-        with (parts / "lock").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise DatasetError(f"{parts}: another process is generating this dataset") from None
-            _check_recipe(parts, recipe)
-            yield parts
+        lock = (parts / "lock").open("w")
     except OSError as error:
-        raise DatasetError(f"{error.filename or parts}: {error.strerror}. Nothing was overwritten") from None
+        raise DatasetError(f"{parts}: cannot be made: {error.strerror}") from None
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise DatasetError(f"{parts}: another process is generating this dataset") from None
+        _check_recipe(parts, recipe)
+        yield parts
 
 
 def _check_recipe(parts: Path, recipe: Recipe) -> None:

@@ -44,7 +44,7 @@ class Recipe:
     count: int
     versions: str = dataclasses.field(
         default_factory=lambda: ", ".join(
-            f"{package} {importlib.metadata.version(package)}" for package in ("pushgraph", "mujoco", "numpy")
+            f"{package} {importlib.metadata.version(package)}" for package in ("pushgraph", "mujoco", "numpy", "torch")
         )
     )
 
@@ -127,9 +127,9 @@ class Dataset:
         with self._reading():
             self._file = h5py.File(path, "r")
             attributes = dict(self._file.attrs)
-        if attributes.get("format") != FORMAT:
+        if str(attributes.get("format")) != FORMAT:
             raise DatasetError(f"{path}: not a dataset: attribute 'format' must be {FORMAT!r}")
-        if attributes.get("version") != VERSION:
+        if str(attributes.get("version")) != str(VERSION):
             raise DatasetError(f"{path}: dataset version {attributes.get('version')}; this pushgraph reads {VERSION}")
         with self._reading():
             self.recipe = Recipe(**{name: _plain(attributes[name]) for name in Recipe.names()})
@@ -194,7 +194,7 @@ class Dataset:
             yield
         except FileNotFoundError:
             raise DatasetError(f"{self.path}: no such dataset") from None
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, AttributeError, TypeError, ValueError) as error:
             raise DatasetError(f"{self.path}: cannot be read, it may be truncated or damaged: {error}") from None
 
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from itertools import combinations
 
 import numpy as np
 import torch
@@ -84,12 +83,7 @@ def penetration(track: Track) -> Float[np.ndarray, " frames"]:
     deepest = np.zeros(len(track.times))
     down = np.flatnonzero(track.down)
     deepest[down] = -scene.tool_gaps(track.poses[down, 0], track.poses[down, 1:]).min(-1)
-    pieces = [set(group) for group in scene.rigid_groups]
-    pairs = [
-        (i, j)
-        for i, j in combinations(range(len(scene.bodies)), 2)
-        if not any({scene.names[i], scene.names[j]} <= piece for piece in pieces)
-    ]
+    pairs = scene.pairs_apart
     if pairs:
         boxes = rounded_boxes([body.shape for body in scene.bodies])
         poses = torch.from_numpy(track.poses[:, 1:])

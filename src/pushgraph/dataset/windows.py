@@ -39,7 +39,12 @@ class WindowSampler:
     def __init__(
         self, dataset: Dataset, frames: int = 6, batch: int = 512, seed: int = 0, memory: int = 4 * 2**30
     ) -> None:
-        for name, value, least in (("frames", frames, 1), ("batch", batch, 1), ("seed", seed, 0)):
+        for name, value, least in (
+            ("frames", frames, 1),
+            ("batch", batch, 1),
+            ("seed", seed, 0),
+            ("memory", memory, 1),
+        ):
             if value < least:
                 raise DatasetError(f"{name}: must be at least {least}, got {value}")
         self.dataset, self.frames, self.batch_size, self.seed = dataset, frames, batch, seed

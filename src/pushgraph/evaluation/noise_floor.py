@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pushgraph import pose
+from pushgraph.body import Joint
 from pushgraph.errors import SceneError, SimulationError
-from pushgraph.scene import Joint, Scene
+from pushgraph.scene import Scene
 from pushgraph.simulation.planar import LIFTED_FRAMES, simulate
 from pushgraph.track import Track
 

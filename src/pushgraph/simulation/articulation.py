@@ -1,13 +1,13 @@
 """Draw the joints of a scene between neighbours that stand close enough to be joined."""
 
 import math
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Int
 
 from pushgraph import pose
-from pushgraph.scene import Joint, Scene
+from pushgraph.body import Joint
+from pushgraph.scene import Scene
 from pushgraph.simulation.placement import NEIGHBOUR_GAP
 
 KINDS = ("fixed", "revolute", "prismatic")
@@ -55,12 +55,7 @@ def vary_joint(rng: np.random.Generator, scene: Scene, joint: Joint) -> Joint:
 
 
 def _neighbours(scene: Scene) -> Int[np.ndarray, "pairs 2"]:
-    grouped = [set(group) for group in scene.rigid_groups]
-    pairs = [
-        (i, j)
-        for i, j in combinations(range(len(scene.bodies)), 2)
-        if not any({scene.names[i], scene.names[j]} <= group for group in grouped)
-    ]
+    pairs = scene.pairs_apart
     if not pairs:
         return np.empty((0, 2), dtype=np.int64)
     near = scene.contacts(pairs).gap.numpy() <= NEIGHBOUR_GAP[1]

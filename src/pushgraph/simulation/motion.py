@@ -14,14 +14,13 @@ ACCELERATION = 1.0
 class ToolMotion:
     """Pose of the tool over the time of one push.
 
-    The path length is the distance plus the rotation times the tool's reach, so that no point of the tool is
-    faster than the push's speed.
+    The speed is that of the path length, so that no point of the tool is faster than the push's speed.
     """
 
     def __init__(self, push: Push, tool: Tool) -> None:
         self._start = np.array([*push.start, push.yaw])
         self._change = np.array([*push.displacement, push.rotation])
-        self._length = math.hypot(*push.displacement) + abs(push.rotation) * tool.reach
+        self._length = push.path_length(tool)
         self._speed = min(push.speed, math.sqrt(self._length * ACCELERATION))
         self._ramp = self._speed / ACCELERATION
         self.duration = self._length / self._speed + self._ramp if self._length else 0.0

@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from pushgraph.body import ROBOT
 from pushgraph.errors import SimulationError
-from pushgraph.scene import OVERLAP, ROBOT, Scene
+from pushgraph.scene import OVERLAP, Scene
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build, link_name
 from pushgraph.tool import Push
@@ -93,7 +94,8 @@ class PlanarSimulation:
         """The track so far; its scene holds the pushes made so far."""
         frames = self._frames or [np.vstack((np.zeros(3), self.poses))]
         poses = np.array(frames)
-        poses[..., 2] = np.unwrap(poses[..., 2], axis=0)
+        yaw = np.vstack((self.scene.poses_world_from_body[:, 2], poses[:, 1:, 2]))
+        poses[:, 1:, 2] = np.unwrap(yaw, axis=0)[1:]
         return Track(
             scene=self.scene.replace(pushes=tuple(self._pushes)),
             times=np.arange(len(poses)) * FRAME,

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from pushgraph.body import ROBOT, Joint
 from pushgraph.errors import SimulationError
-from pushgraph.scene import ROBOT, Joint, Scene
+from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, Pose
 
 TIMESTEP = 0.0025

@@ -9,8 +9,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pushgraph import pose
+from pushgraph.body import Body
 from pushgraph.errors import SetupError, SimulationError
-from pushgraph.scene import NOMINAL_TABLE_FRICTION, Body, Scene, Table
+from pushgraph.scene import NOMINAL_TABLE_FRICTION, Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
 from pushgraph.simulation.articulation import JOINTS, draw_joints, vary_joint

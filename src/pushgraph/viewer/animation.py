@@ -1,6 +1,7 @@
 """An animation of a track, seen from above."""
 
 import os
+import subprocess
 from pathlib import Path
 
 from matplotlib.animation import FFMpegWriter, PillowWriter
@@ -17,26 +18,34 @@ SIZE = 5.0
 DPI = 90
 
 
-def save_animation(track: Track, path: str | os.PathLike) -> None:
-    """Write a GIF or an MP4, in real time; long tracks show every n-th frame.
-
-    Raises ViewerError for another ending, or if an MP4 is asked for and ffmpeg is not installed.
-    """
+def check_animation(path: str | os.PathLike) -> None:
+    """Raise ViewerError if an animation of this name cannot be made here."""
     ending = Path(path).suffix.lower()
     if ending not in (".gif", ".mp4"):
         raise ViewerError(f"{path}: an animation ends in .gif or .mp4")
     if ending == ".mp4" and not FFMpegWriter.isAvailable():
         raise ViewerError(f"{path}: an MP4 needs the program ffmpeg, which is not installed; ask for a .gif")
+
+
+def save_animation(track: Track, path: str | os.PathLike) -> None:
+    """Write a GIF or an MP4, in real time; long tracks show every n-th frame.
+
+    Raises ViewerError for another ending, or if an MP4 is asked for and ffmpeg is not installed or fails.
+    """
+    check_animation(path)
     stride = max(1, -(-len(track.times) // MOST_PICTURES))
-    writer_class = PillowWriter if ending == ".gif" else FFMpegWriter
+    writer_class = PillowWriter if Path(path).suffix.lower() == ".gif" else FFMpegWriter
     figure = Figure(figsize=(SIZE, SIZE), dpi=DPI)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.14, 0.1, 0.82, 0.82))
     prepare(axes, view_limits([track]), "")
     scene, clock = SceneArtist(axes, track.scene), axes.set_title(" ")
     writer = writer_class(fps=1 / (FRAME * stride))
-    with replacing(path) as temporary, writer.saving(figure, str(temporary), DPI):
-        for frame in range(0, len(track.times), stride):
-            scene.move(track.poses[frame], bool(track.down[frame]))
-            clock.set_text(f"{track.times[frame]:.2f} s")
-            writer.grab_frame()
+    try:
+        with replacing(path) as temporary, writer.saving(figure, str(temporary), DPI):
+            for frame in range(0, len(track.times), stride):
+                scene.move(track.poses[frame], bool(track.down[frame]))
+                clock.set_text(f"{track.times[frame]:.2f} s")
+                writer.grab_frame()
+    except subprocess.CalledProcessError as error:
+        raise ViewerError(f"{path}: ffmpeg failed with exit status {error.returncode}; ask for a .gif") from None

@@ -11,7 +11,8 @@ from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.transforms import Affine2D
 
 from pushgraph import pose
-from pushgraph.scene import Joint, Scene
+from pushgraph.body import Joint
+from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.track import Track
 
