@@ -57,9 +57,10 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
     touch), where they are those of one of them. Beside a corner the normal turns as fast as 1 / gap.
     """
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
-    face = _best_face(a, b, pose_a_from_b)
+    separation, best = _largest(_separations(a, b, pose_a_from_b))
+    face = _reference_face(a, b, pose_a_from_b, best)
 
-    distance, parted = _distance(core_b - core_a, face.separation)
+    distance, parted = _distance(core_b - core_a, separation)
     along = (core_b - core_a) / torch.where(parted, distance, 1.0)[..., None]
     normal = torch.where(parted[..., None], along, face.normal)
     gap = distance - a.radius - b.radius
@@ -90,9 +91,7 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
     """Return only the signed gap of each pair (m), at half the cost of `contact_between`."""
     core_a, core_b = _nearest_points(a, b, pose_a_from_b)
-    separations = _separations(a, b, pose_a_from_b)
-    best = _first_smallest(-separations)
-    separation = separations.take_along_dim(best[..., None], -1).squeeze(-1)
+    separation, _ = _largest(_separations(a, b, pose_a_from_b))
     distance, _ = _distance(core_b - core_a, separation)
     return distance - a.radius - b.radius
 
@@ -101,7 +100,6 @@ class _Face(NamedTuple):
     """The face of largest separation between two boxes, in the frame of a, without the radii."""
 
     normal: Float[Tensor, "*batch 2"]  # from a to b
-    separation: Float[Tensor, "*batch"]
     first_a: Float[Tensor, "*batch 2"]  # the other box's corner nearest to the face, and its foot on the face
     first_b: Float[Tensor, "*batch 2"]
     ends_a: Float[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box
@@ -154,27 +152,39 @@ def _separations(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*ba
     """
 
     def beyond(box: RoundedBox, other: RoundedBox, pose_box_from_other: Tensor) -> Tensor:
-        corners = transform(pose_box_from_other[..., None, :], _corners(other.half_extents))
-        heights = torch.cat((corners, -corners), -1).transpose(-1, -2)
-        lowest = heights.take_along_dim(_first_smallest(heights)[..., None], -1).squeeze(-1)
+        position, yaw = pose_box_from_other[..., :2], pose_box_from_other[..., 2]
+        cos, sin = _magnitude(yaw.cos()), _magnitude(yaw.sin())
+        x, y = other.half_extents.unbind(-1)
+        reach = box.half_extents + torch.stack((cos * x + sin * y, sin * x + cos * y), -1)
+        separation = torch.cat((position - reach, -position - reach), -1)
         faceless = (box.half_extents.amax(-1) == 0) & (other.half_extents.amax(-1) > 0)
-        separation = lowest - torch.cat((box.half_extents, box.half_extents), -1)
         return torch.where(faceless[..., None], -torch.inf, separation)
 
     return torch.cat((beyond(a, b, pose_a_from_b), beyond(b, a, inverse(pose_a_from_b))), -1)
 
 
-def _best_face(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Face:
+def _magnitude(values: Tensor) -> Tensor:
+    """Absolute values, with the slope of one side at zero, where `abs` has none."""
+    return torch.where(values < 0, -values, values)
+
+
+def _largest(separations: Float[Tensor, "*batch 8"]) -> tuple[Float[Tensor, "*batch"], Int[Tensor, "*batch"]]:
+    face = _first_smallest(-separations)
+    return separations.take_along_dim(face[..., None], -1).squeeze(-1), face
+
+
+def _reference_face(
+    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"], face: Int[Tensor, "*batch"]
+) -> _Face:
+    """Geometry of one face: 0 to 3 are those of a, 4 to 7 those of b."""
     pose_b_from_a = inverse(pose_a_from_b)
-    with torch.no_grad():
-        best = _first_smallest(-_separations(a, b, pose_a_from_b))
-        face_of_a = (best < 4)[..., None]
+    face_of_a = (face < 4)[..., None]
 
     # Work in the frame of the box whose face it is: height above the face, and position along it.
     half_extents = torch.where(face_of_a, a.half_extents, b.half_extents)
     other_half_extents = torch.where(face_of_a, b.half_extents, a.half_extents)
     pose_face_from_other = torch.where(face_of_a, pose_a_from_b, pose_b_from_a)
-    normal = pose_a_from_b.new_tensor(NORMALS)[best % 4]
+    normal = pose_a_from_b.new_tensor(NORMALS)[face % 4]
     tangent = torch.stack((-normal[..., 1], normal[..., 0]), -1)
     face_height = (normal.abs() * half_extents).sum(-1)
     face_half_length = (tangent.abs() * half_extents).sum(-1)
@@ -188,15 +198,14 @@ def _best_face(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batc
     second_lowest = neighbours.take_along_dim(_first_smallest(height.take_along_dim(neighbours, -1))[..., None], -1)
     edge = torch.cat((lowest[..., None], second_lowest), -1)
     edge_along, edge_height = along.take_along_dim(edge, -1), height.take_along_dim(edge, -1)
-    separation = edge_height[..., 0]
 
     low = torch.maximum(edge_along.amin(-1), -face_half_length)
     high = torch.minimum(edge_along.amax(-1), face_half_length)
-    run, rise = edge_along[..., 1] - edge_along[..., 0], edge_height[..., 1] - separation
+    run, rise = edge_along[..., 1] - edge_along[..., 0], edge_height[..., 1] - edge_height[..., 0]
     slanted = run.abs() > TIE[run.dtype]
     slope = torch.where(slanted, rise, 0.0) / torch.where(slanted, run, 1.0)
     stops_along = torch.stack((edge_along[..., 0], low, high), -1)
-    stops_height = separation[..., None] + slope[..., None] * (stops_along - edge_along[..., :1])
+    stops_height = edge_height[..., :1] + slope[..., None] * (stops_along - edge_along[..., :1])
 
     pose_a_from_face = torch.where(face_of_a, torch.zeros_like(pose_a_from_b), pose_a_from_b)
 
@@ -211,7 +220,6 @@ def _best_face(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batc
     normal_in_a = rotate(normal, pose_a_from_face[..., 2])
     return _Face(
         normal=torch.where(face_of_a, normal_in_a, -normal_in_a),
-        separation=separation,
         first_a=on_a[..., 0, :],
         first_b=on_b[..., 0, :],
         ends_a=on_a[..., 1:, :],
