@@ -161,6 +161,16 @@ def test_a_damaged_block_is_drawn_again(small: Path, tmp_path: Path, monkeypatch
     assert digest(out) == digest(small)
 
 
+def test_parts_left_by_a_kill_at_the_very_end_are_cleared_away(tmp_path: Path, monkeypatch) -> None:
+    out = tmp_path / "data.h5"
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(generation.shutil, "rmtree", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        generate(**SMALL, out=out)
+    assert (tmp_path / "data.h5.parts").exists()
+    generate(**SMALL, out=out)
+    assert [path.name for path in tmp_path.iterdir()] == ["data.h5"]
+
+
 def test_a_finished_dataset_is_left_alone(small: Path) -> None:
     before = small.stat().st_mtime_ns
     generate(**SMALL, out=small)

@@ -134,14 +134,16 @@ def _simulate(source: str, out: Path, animation: str) -> None:
         console.print("Unknown masses and frictions are simulated at their nominal values.")
     if scene.unknown_pairs:
         console.print("Unknown pairs are simulated as not joined.")
-    track = simulate(known)
     outputs = [out / "track.h5", out / "track.csv", out / "picture.png"]
-    track.save(outputs[0])
-    track.save(outputs[1])
-    save_picture(track, outputs[2])
-    if animation != "none":
-        outputs.append(out / f"animation.{animation}")
-        save_animation(track, outputs[-1])
+    with console.status(f"Simulating {len(known.pushes)} pushes"):
+        track = simulate(known)
+    with console.status("Drawing"):
+        track.save(outputs[0])
+        track.save(outputs[1])
+        save_picture(track, outputs[2])
+        if animation != "none":
+            outputs.append(out / f"animation.{animation}")
+            save_animation(track, outputs[-1])
     console.print(_final_poses(track))
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 

@@ -48,6 +48,9 @@ def generate(
     recipe = Recipe(setup=setup, objects=objects, seed=seed, first=0, count=count)
     if out.exists():
         _check_finished(out, recipe)
+        if _parts(out).exists():  # killed after the file was whole
+            with _parts_folder(out, recipe) as parts:
+                shutil.rmtree(parts)
         progress(count)
         return out
     with _parts_folder(out, recipe) as parts:
@@ -84,7 +87,7 @@ def _check_finished(out: Path, recipe: Recipe) -> None:
 @contextlib.contextmanager
 def _parts_folder(out: Path, recipe: Recipe) -> Iterator[Path]:
     """The folder of finished blocks, checked to be of this recipe and locked against other processes."""
-    parts = out.with_name(out.name + ".parts")
+    parts = _parts(out)
     try:
         parts.mkdir(parents=True, exist_ok=True)
         lock = (parts / "lock").open("w")
@@ -115,6 +118,10 @@ def _check_recipe(parts: Path, recipe: Recipe) -> None:
             f"{parts}: holds the beginning of another dataset ({differences}); run the command it was begun with, "
             "choose another --out, or remove the folder"
         )
+
+
+def _parts(out: Path) -> Path:
+    return out.with_name(out.name + ".parts")
 
 
 def _part(parts: Path, block: Recipe) -> Path:
