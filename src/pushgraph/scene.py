@@ -30,7 +30,7 @@ OVERLAP = 1e-3
 """Bodies that overlap deeper than this (m) are refused, unless one rigid group holds both."""
 
 LONGEST_PUSH = 600.0
-"""s"""
+"""A push that takes longer (s) is refused: a speed or a rotation that nobody meant."""
 NOMINAL_MASS = 0.6
 NOMINAL_TABLE_FRICTION = 0.45
 NOMINAL_SIDE_FRICTION = 0.25

@@ -74,8 +74,7 @@ def _candidates(
     radius = np.array([reach(body.shape) for body in scene.bodies])[target]
     direction = rng.uniform(-math.pi, math.pi, CANDIDATES)
     aside = rng.uniform(-0.7, 0.7, CANDIDATES) * radius
-    tool_reach = scene.tool.reach
-    back = radius + tool_reach + rng.uniform(START_CLEARANCE, 0.6 * style.distance, CANDIDATES)
+    back = radius + scene.tool.reach + rng.uniform(START_CLEARANCE, 0.6 * style.distance, CANDIDATES)
     yaw = rng.uniform(-math.pi, math.pi, CANDIDATES) * style.turned
     rotation = rng.uniform(-style.rotation, style.rotation, CANDIDATES)
     # The middle of the tool is aimed, which may lie off the end-effector.
