@@ -3,7 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint install schema clean
+CACHE := $(or $(PUSHGRAPH_CACHE),$(HOME)/.cache/pushgraph)
+DATA := $(CACHE)/data
+WEIGHTS := src/pushgraph/weights
+TRAIN := $(BIN)/pushgraph train physics --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --precision bfloat16
+
+.PHONY: demo test lint install schema weights weights-contact weights-propnet data clean
 
 install: $(VENV)/.installed
 
@@ -26,6 +31,20 @@ lint: install
 schema: install
 	$(BIN)/python -c 'import json; from pushgraph import Scene; print(json.dumps(Scene.model_json_schema(), indent=2))' \
 	  > docs/scene.schema.json
+
+# Every shipped checkpoint from nothing; killed, the same command goes on.
+weights: weights-contact weights-propnet
+
+data: install
+	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
+	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
+
+weights-contact: data
+	$(TRAIN) --model contact --samples 9000000 --batch 256 --learning-rate 3e-3 --out $(WEIGHTS)/contact.safetensors
+
+weights-propnet: data
+	$(TRAIN) --model propnet --samples 2000000 --batch 64 --learning-rate 1e-3 --hidden 256 --propagation-steps 5 \
+	  --out $(WEIGHTS)/propnet.safetensors
 
 clean:
 	rm -rf $(VENV) demo

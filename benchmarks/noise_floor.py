@@ -5,7 +5,6 @@
 
 import functools
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -28,17 +27,13 @@ NOISES = {
     "0.2mm": StartNoise(2e-4, math.radians(0.1)),
     "0.02mm": StartNoise(2e-5, math.radians(0.01)),
 }
-METRICS: dict[str, tuple[str, Callable[[list[RolloutError]], float]]] = {
-    "mean_error_cm": ("cm", lambda errors: 100 * float(np.mean([error.mean for error in errors]))),
-    "final_error_moved_cm": ("cm", lambda errors: 100 * float(np.mean(of_moved(errors, "final")))),
-    "median_final_error_moved_cm": ("cm", lambda errors: 100 * float(np.median(of_moved(errors, "final")))),
-    "displacement_moved_cm": ("cm", lambda errors: 100 * float(np.mean(of_moved(errors, "displacement")))),
-    "yaw_error_moved_deg": ("deg", lambda errors: math.degrees(np.mean(of_moved(errors, "final_yaw")))),
+METRICS = {
+    "mean_error_cm": ("cm", "mean", lambda error: 100 * error.distance.mean(0)),
+    "final_error_moved_cm": ("cm", "mean", lambda error: 100 * error.final[error.moved]),
+    "median_final_error_moved_cm": ("cm", "median", lambda error: 100 * error.final[error.moved]),
+    "displacement_moved_cm": ("cm", "mean", lambda error: 100 * error.displacement[error.moved]),
+    "yaw_error_moved_deg": ("deg", "mean", lambda error: np.degrees(error.final_yaw[error.moved])),
 }
-
-
-def of_moved(errors: list[RolloutError], name: str) -> np.ndarray:
-    return np.concatenate([getattr(error, name)[error.moved] for error in errors])
 
 
 def measure(objects: int, seed: int, index: int) -> tuple[str, dict[tuple[str, int], RolloutError | None]]:
@@ -100,8 +95,10 @@ def main(
                     "noise": noise,
                     "scenes": len(errors),
                 }
-                for metric, (unit, statistic) in METRICS.items():
-                    results.add("noise_floor", metric, unit, errors, statistic, **labels)
+                for metric, (unit, statistic, measured) in METRICS.items():
+                    values = [measured(error) for error in errors]
+                    scene = np.repeat(np.arange(len(values)), [len(of_scene) for of_scene in values])
+                    results.add("noise_floor", metric, unit, np.concatenate(values), scene, statistic, **labels)
     results.save(out / "results.json")
     draw(results, out / "noise_floor.png")
     table = Table(title=f"Noise floor, {objects} objects, {count} scenes, seed {seed}")

@@ -40,7 +40,7 @@ def test_a_window_is_what_the_track_holds_and_stays_in_one_push(ragged: Dataset)
             assert batch.push_start[k] == track.push_start[batch.start[k]]
 
 
-def test_every_window_is_drawn_equally_often(ragged: Dataset) -> None:
+def test_every_trajectory_and_every_window_in_it_is_drawn_equally_often(ragged: Dataset) -> None:
     sampler = WindowSampler(ragged, frames=20, batch=4096, seed=0)
     expected = set()
     for k in range(12):
@@ -52,8 +52,11 @@ def test_every_window_is_drawn_equally_often(ragged: Dataset) -> None:
         for key in zip(batch.trajectory.tolist(), batch.start.tolist(), strict=True):
             counts[key] = counts.get(key, 0) + 1
     assert set(counts) == expected
-    mean = 40 * 4096 / len(expected)
-    assert max(counts.values()) < mean + 6 * np.sqrt(mean)
+    for trajectory in range(12):
+        inside = [count for (owner, _), count in counts.items() if owner == trajectory]
+        assert sum(inside) == pytest.approx(40 * 4096 / 12, rel=0.05)
+        mean = sum(inside) / len(inside)
+        assert max(inside) < mean + 6 * np.sqrt(mean)
 
 
 def same(one, other) -> bool:

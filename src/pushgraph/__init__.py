@@ -3,7 +3,7 @@
     import pushgraph as pg
 
     scene = pg.Scene.load("scene.json")
-    track = pg.simulate(scene)
+    track = pg.load().predict(scene)
     track.save("track.h5")
 
 Names are imported when first used, so that `import pushgraph` is quick.
@@ -20,16 +20,24 @@ _MODULE_OF = {
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
+    **dict.fromkeys(("PhysicsPredictor",), "pushgraph.physics"),
     "draw_trajectory": "pushgraph.simulation.setups",
     "generate": "pushgraph.dataset.generate",
     "Dataset": "pushgraph.dataset.store",
     **dict.fromkeys(("WindowBatch", "WindowSampler"), "pushgraph.dataset.windows"),
-    "save_picture": "pushgraph.viewer.picture",
+    **dict.fromkeys(("save_picture", "save_comparison"), "pushgraph.viewer.picture"),
     "save_animation": "pushgraph.viewer.animation",
     "PushGraphError": "pushgraph.errors",
 }
 
-__all__ = sorted(_MODULE_OF)
+__all__ = sorted([*_MODULE_OF, "load"])
+
+
+def load(model: str = "contact", device: str = "cpu") -> Any:
+    """Load a predictor: a shipped one (contact, propnet) or a checkpoint; see `PhysicsPredictor.load`."""
+    from pushgraph.physics import PhysicsPredictor
+
+    return PhysicsPredictor.load(model, device)
 
 
 def __getattr__(name: str) -> Any:

@@ -31,3 +31,19 @@ class StorageError(PushGraphError):
 
 class ViewerError(PushGraphError):
     """A picture or an animation cannot be made."""
+
+
+class CheckpointError(PushGraphError):
+    """A checkpoint cannot be read, or is not what it says it is."""
+
+
+class TrainingError(PushGraphError):
+    """A training cannot begin, go on, or trust its numbers."""
+
+
+class PredictionError(PushGraphError):
+    """A prediction is not possible, or came to nothing."""
+
+
+class EvaluationError(PushGraphError):
+    """An evaluation cannot be run as asked."""

@@ -60,6 +60,32 @@ class JointFrame(NamedTuple):
     limits: tuple[float, float]
 
 
+def place_joint(
+    joint: Joint,
+    pose_world_from_parent: Float[np.ndarray, "3"],
+    pose_world_from_child: Float[np.ndarray, "3"],
+    gap: float,
+    point_on_parent: Float[np.ndarray, "2"],
+    point_on_child: Float[np.ndarray, "2"],
+) -> JointFrame:
+    """Where a joint sits, given the gap and the closest points of its bodies in the frame of the parent.
+
+    What is left out: the anchor is the midpoint of the closest points; the axis the line of centres, parent to
+    child; the limits half pi to either side (revolute), until the two touch, or 8 cm apart (prismatic).
+    """
+    midpoint = (point_on_parent + point_on_child) / 2
+    anchor = np.array(joint.anchor) if joint.anchor else pose.transform(pose_world_from_parent, midpoint)
+    axis = np.array(joint.axis) if joint.axis else pose_world_from_child[:2] - pose_world_from_parent[:2]
+    length = np.hypot(*axis)
+    axis = axis / length if length > 1e-9 else np.array([1.0, 0.0])
+    default = {
+        "fixed": (0.0, 0.0),
+        "revolute": (-math.pi / 2, math.pi / 2),
+        "prismatic": (-max(gap, 0.0), 0.08),
+    }[joint.kind]
+    return JointFrame(anchor, axis, joint.limits or default)
+
+
 class Scene(Record):
     """Everything on the table, what the robot will do, and what it does not know.
 
@@ -196,25 +222,18 @@ class Scene(Record):
         return gaps.amin(-1).numpy()
 
     def joint_frame(self, joint: Joint) -> JointFrame:
-        """Anchor, axis and limits of a joint, those left out drawn from the geometry.
-
-        Anchor: the midpoint of the closest points. Axis: the line of centres, parent to child. Limits: half
-        pi to either side (revolute); until the two touch, or 8 cm apart (prismatic).
-        """
+        """Anchor, axis and limits of a joint, those left out drawn from the geometry; see `place_joint`."""
         parent, child = self.names.index(joint.parent), self.names.index(joint.child)
-        pose_parent, pose_child = self.poses_world_from_body[[parent, child]]
         touch = self.contacts([(parent, child)])
-        midpoint = (touch.points_a[0, 0] + touch.points_b[0, 0]).numpy() / 2
-        anchor = np.array(joint.anchor) if joint.anchor else pose.transform(pose_parent, midpoint)
-        axis = np.array(joint.axis) if joint.axis else pose_child[:2] - pose_parent[:2]
-        length = np.hypot(*axis)
-        axis = axis / length if length > 1e-9 else np.array([1.0, 0.0])
-        default = {
-            "fixed": (0.0, 0.0),
-            "revolute": (-math.pi / 2, math.pi / 2),
-            "prismatic": (-max(float(touch.gap[0]), 0.0), 0.08),
-        }[joint.kind]
-        return JointFrame(anchor, axis, joint.limits or default)
+        poses = self.poses_world_from_body
+        return place_joint(
+            joint,
+            poses[parent],
+            poses[child],
+            float(touch.gap[0]),
+            touch.points_a[0, 0].numpy(),
+            touch.points_b[0, 0].numpy(),
+        )
 
     def with_nominal_values(self) -> "Scene":
         """Return the scene with every unknown mass and friction at its nominal value."""

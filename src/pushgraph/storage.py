@@ -43,3 +43,9 @@ def replacing_hdf5(path: str | os.PathLike) -> Iterator[h5py.File]:
         image = file.id.get_file_image()
     with replacing(path) as temporary:
         temporary.write_bytes(image)
+
+
+def cache_folder() -> Path:
+    """Where data and running trainings are kept outside of work trees: PUSHGRAPH_CACHE, or the user's cache folder."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(os.environ.get("PUSHGRAPH_CACHE") or base / "pushgraph")

@@ -98,9 +98,13 @@ class _Pool:
         self._windows = np.flatnonzero(same_push)
         if not len(self._windows):
             raise DatasetError(f"no push lasts {frames} frames; draw shorter windows")
+        self._drawable, first, count = np.unique(self._owner[self._windows], return_index=True, return_counts=True)
+        self._first_window, self._window_count = first, count
 
     def draw(self, rng: np.random.Generator, batch: int) -> WindowBatch:
-        frame = self._windows[rng.integers(len(self._windows), size=batch)]
+        # Trajectories alike, however long: slow pushes have many more frames, but no more to teach.
+        chosen = rng.integers(len(self._drawable), size=batch)
+        frame = self._windows[self._first_window[chosen] + rng.integers(self._window_count[chosen])]
         owner = self._owner[frame]
         nodes, first_row = self._nodes[owner], self._first_row[owner]
         start = frame - self._first_frame[owner]

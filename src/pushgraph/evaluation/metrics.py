@@ -20,7 +20,8 @@ class RolloutError:
         if min(len(predicted.times), len(true.times)) < frames:
             raise ValueError(f"both tracks need {frames} frames, got {len(predicted.times)} and {len(true.times)}")
         difference = predicted.poses[:frames, 1:] - true.poses[:frames, 1:]
-        self._distance = np.hypot(difference[..., 0], difference[..., 1])
+        self.distance: Float[np.ndarray, "frames objects"] = np.hypot(difference[..., 0], difference[..., 1])
+        """Position error (m)."""
         self.final_yaw: Float[np.ndarray, " objects"] = np.abs(wrap_angle(difference[-1, :, 2]))
         """Yaw error of each object at the last frame (rad)."""
         displacement = true.poses[frames - 1, 1:, :2] - true.poses[0, 1:, :2]
@@ -30,12 +31,12 @@ class RolloutError:
     @property
     def mean(self) -> float:
         """Mean over frames and objects of the position error (m): the paper's error of a trajectory."""
-        return float(self._distance.mean())
+        return float(self.distance.mean())
 
     @property
     def final(self) -> Float[np.ndarray, " objects"]:
         """Position error of each object at the last frame (m)."""
-        return self._distance[-1]
+        return self.distance[-1]
 
     @property
     def moved(self) -> Bool[np.ndarray, " objects"]:

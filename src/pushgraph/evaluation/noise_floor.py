@@ -11,7 +11,8 @@ from pushgraph import pose
 from pushgraph.body import Joint
 from pushgraph.errors import SceneError, SimulationError
 from pushgraph.scene import Scene
-from pushgraph.simulation.planar import LIFTED_FRAMES, simulate
+from pushgraph.simulation.motion import LIFTED_FRAMES
+from pushgraph.simulation.planar import simulate
 from pushgraph.track import Track
 
 ATTEMPTS = 200

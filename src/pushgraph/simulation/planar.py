@@ -1,7 +1,5 @@
 """Simulate pushes of a planar scene in MuJoCo and record a track."""
 
-import math
-
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +13,6 @@ from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
 
 SUBSTEPS = round(FRAME / TIMESTEP)
-REST = 0.2
-"""How long the tool rests at the end of a push before it lifts (s)."""
-LIFTED_FRAMES = 2
-"""Frames between two pushes with the tool lifted: above the end of the last, then above the start of the next."""
 
 _DIVERGED = [
     int(warning)
@@ -81,7 +75,7 @@ class PlanarSimulation:
         index = len(self._pushes) - 1
         self._record(start, index)
         here = start
-        for frame in range(math.ceil((motion.duration + REST) / FRAME - 1e-9)):
+        for frame in range(motion.frames):
             for substep in range(frame * SUBSTEPS, (frame + 1) * SUBSTEPS):
                 there = motion.pose((substep + 1) * TIMESTEP)
                 self._place_tool(here, there, down=True)

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.animation import FFMpegWriter, PillowWriter
@@ -13,7 +14,7 @@ from pushgraph.storage import replacing
 from pushgraph.track import FRAME, Track
 from pushgraph.viewer.drawing import SceneArtist, prepare, view_limits
 
-MOST_PICTURES = 150
+MOST_PICTURES = 75
 SIZE = 5.0
 DPI = 90
 
@@ -27,25 +28,33 @@ def check_animation(path: str | os.PathLike) -> None:
         raise ViewerError(f"{path}: an MP4 needs the program ffmpeg, which is not installed; ask for a .gif")
 
 
-def save_animation(track: Track, path: str | os.PathLike) -> None:
+def save_animation(track: Track | Mapping[str, Track], path: str | os.PathLike) -> None:
     """Write a GIF or an MP4, in real time; long tracks show every n-th frame.
 
-    Raises ViewerError for another ending, or if an MP4 is asked for and ffmpeg is not installed or fails.
+    Several tracks, by title, stand side by side; the shorter ones stay as they end. Raises ViewerError for another
+    ending, or if an MP4 is asked for and ffmpeg is not installed or fails.
     """
     check_animation(path)
-    stride = max(1, -(-len(track.times) // MOST_PICTURES))
+    tracks = {"": track} if isinstance(track, Track) else dict(track)
+    longest = max(tracks.values(), key=lambda one: len(one.times))
+    stride = max(1, -(-len(longest.times) // MOST_PICTURES))
     writer_class = PillowWriter if Path(path).suffix.lower() == ".gif" else FFMpegWriter
-    figure = Figure(figsize=(SIZE, SIZE), dpi=DPI)
+    figure = Figure(figsize=(SIZE * len(tracks), SIZE), dpi=DPI)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.14, 0.1, 0.82, 0.82))
-    prepare(axes, view_limits([track]), "")
-    scene, clock = SceneArtist(axes, track.scene), axes.set_title(" ")
+    limits = view_limits(list(tracks.values()))
+    panels = []
+    for column, (title, one) in enumerate(tracks.items()):
+        axes = figure.add_axes(((column + 0.14) / len(tracks), 0.1, 0.82 / len(tracks), 0.82))
+        prepare(axes, limits, "")
+        panels.append((one, SceneArtist(axes, one.scene), axes.set_title(" "), title))
     writer = writer_class(fps=1 / (FRAME * stride))
     try:
         with replacing(path) as temporary, writer.saving(figure, str(temporary), DPI):
-            for frame in range(0, len(track.times), stride):
-                scene.move(track.poses[frame], bool(track.down[frame]))
-                clock.set_text(f"{track.times[frame]:.2f} s")
+            for frame in range(0, len(longest.times), stride):
+                for one, scene, heading, title in panels:
+                    last = min(frame, len(one.times) - 1)
+                    scene.move(one.poses[last], bool(one.down[last]))
+                    heading.set_text(f"{title + ', ' if title else ''}{longest.times[frame]:.2f} s")
                 writer.grab_frame()
     except subprocess.CalledProcessError as error:
         raise ViewerError(f"{path}: ffmpeg failed with exit status {error.returncode}; ask for a .gif") from None

@@ -102,6 +102,13 @@ def outline(shape: Cylinder | Cuboid, **style: object) -> Patch:
     return Polygon([(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)], **style)
 
 
+def draw_outlines(axes: Axes, track: Track) -> None:
+    """Dashed outlines of the bodies where a track ends."""
+    for body, pose_world_from_body in zip(track.scene.bodies, track.poses[-1, 1:], strict=True):
+        patch = _Movable(axes, outline(body.shape, fc="none", ls="--", lw=1.2, zorder=4))
+        patch.move(pose_world_from_body)
+
+
 def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, float, float, float]:
     """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)

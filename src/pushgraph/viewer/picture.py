@@ -1,6 +1,7 @@
 """A picture of a track: the scene and the planned pushes on the left, where everything ended on the right."""
 
 import os
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from pushgraph.storage import replacing
 from pushgraph.track import Track
-from pushgraph.viewer.drawing import JOINT_MARKS, PALETTE, TOOL_COLOUR, SceneArtist, prepare, view_limits
+from pushgraph.viewer.drawing import JOINT_MARKS, PALETTE, TOOL_COLOUR, SceneArtist, draw_outlines, prepare, view_limits
 
 
 def save_picture(track: Track, path: str | os.PathLike) -> None:
@@ -32,6 +33,28 @@ def save_picture(track: Track, path: str | os.PathLike) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)
+
+
+def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> None:
+    """Write a picture of several tracks of one scene, by title: the start with the pushes, then how each ended.
+
+    In the later pictures dashed outlines show how the first track ended.
+    """
+    figure = Figure(figsize=(5.5 * (1 + len(tracks)), 6), layout="constrained")
+    before, *after = figure.subplots(1, 1 + len(tracks))
+    limits = view_limits(list(tracks.values()))
+    first = next(iter(tracks.values()))
+    prepare(before, limits, "Start, and the planned pushes")
+    SceneArtist(before, first.scene).move(first.poses[0], down=True)
+    _draw_pushes(before, first)
+    for axes, (title, track) in zip(after, tracks.items(), strict=True):
+        prepare(axes, limits, f"{title}, after {track.times[-1] - track.times[0]:.1f} s")
+        _draw_paths(axes, track)
+        SceneArtist(axes, track.scene).move(track.poses[-1], down=True)
+        if track is not first:
+            draw_outlines(axes, first)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=100)
 
 
 def _draw_pushes(axes: Axes, track: Track) -> None:

@@ -1,0 +1,103 @@
+"""Checkpoints: the weights of a predictor with everything that makes sense of them, in one safetensors file.
+
+The file's metadata holds a JSON header: kind and config of the network, names of its features, the record of its
+training, and a hash of all that and the weights. Loading checks every part and fails loudly; there is no pickle.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from pushgraph.errors import CheckpointError
+from pushgraph.network.dynamics import KINDS
+from pushgraph.storage import replacing
+
+FORMAT = "pushgraph.checkpoint"
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A predictor, its kind and config, and the record of its training."""
+
+    kind: str
+    config: Mapping[str, Any]
+    dynamics: nn.Module
+    record: Mapping[str, Any]
+
+
+def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
+    """Write a checkpoint, whole or not at all."""
+    tensors = {name: values.detach().cpu().contiguous() for name, values in checkpoint.dynamics.state_dict().items()}
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "kind": checkpoint.kind,
+        "config": dict(checkpoint.config),
+        "schema": KINDS[checkpoint.kind].schema(),
+        "record": dict(checkpoint.record),
+    }
+    header["hash"] = content_hash(header, tensors)
+    with replacing(path) as temporary:
+        temporary.write_bytes(save(tensors, {"pushgraph": json.dumps(header, sort_keys=True)}))
+
+
+def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
+    """Read a checkpoint; raises CheckpointError if any part of it is not what this pushgraph understands."""
+    try:
+        with safe_open(path, "pt") as file:
+            header = json.loads((file.metadata() or {}).get("pushgraph", "{}"))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+    except (OSError, SafetensorError, ValueError) as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else f"it may be truncated: {error}"
+        raise CheckpointError(f"{path}: cannot read this checkpoint: {reason}") from None
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise CheckpointError(f"{path}: not a checkpoint of pushgraph: its header must have format {FORMAT!r}")
+    if header.get("version") != VERSION:
+        raise CheckpointError(
+            f"{path}: checkpoint version {header.get('version')}; this pushgraph reads {VERSION}: train it anew"
+        )
+    if header.pop("hash", None) != content_hash(header, tensors):
+        raise CheckpointError(f"{path}: its content does not match its hash: it was changed or damaged")
+    if header["kind"] not in KINDS:
+        raise CheckpointError(f"{path}: no predictor {header['kind']!r}; valid: {', '.join(KINDS)}")
+    schema = KINDS[header["kind"]].schema()
+    if header["schema"] != schema:
+        changed = [name for name in schema if header["schema"].get(name) != schema[name]]
+        raise CheckpointError(f"{path}: trained on other features ({', '.join(changed)}); train it anew")
+    dynamics = KINDS[header["kind"]](**header["config"])
+    try:
+        dynamics.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise CheckpointError(f"{path}: its weights do not fit its config: {error}") from None
+    if not all(values.isfinite().all() for values in tensors.values()):
+        raise CheckpointError(f"{path}: it holds weights that are not finite")
+    return Checkpoint(header["kind"], header["config"], dynamics.eval(), header["record"])
+
+
+def content_hash(header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> str:
+    """SHA-256 of a header without its hash, and of all tensors with their names, types and shapes."""
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for name in sorted(tensors):
+        digest.update(f"{name} {tensors[name].dtype} {list(tensors[name].shape)}".encode())
+        digest.update(tensors[name].contiguous().view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def shipped(name: str) -> Path:
+    """The checkpoint of this name that comes with pushgraph; raises CheckpointError with the valid names."""
+    folder = Path(__file__).parent / "weights"
+    path = folder / f"{name}.safetensors"
+    if not path.is_file():
+        valid = ", ".join(sorted(file.stem for file in folder.glob("*.safetensors")))
+        raise CheckpointError(f"no shipped checkpoint {name!r}; valid: {valid}")
+    return path

@@ -1,0 +1,30 @@
+"""The command `pushgraph`."""
+
+import sys
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from pushgraph.cli import data, evaluating, scenes, training
+from pushgraph.errors import PushGraphError
+
+app = typer.Typer(
+    help="See what a push will do: scenes of pushed objects, simulated, predicted and learned from.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+for command in (scenes.demo, scenes.predict, scenes.simulate, data.generate):
+    app.command()(command)
+app.add_typer(training.app, name="train")
+app.add_typer(evaluating.app, name="evaluate")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; our errors become a message and exit status 1."""
+    try:
+        app(arguments)
+    except PushGraphError as error:
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False)
+        sys.exit(1)

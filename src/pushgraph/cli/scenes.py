@@ -1,0 +1,169 @@
+"""The commands about one scene: demo, predict, simulate."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from pushgraph.cli.output import console
+from pushgraph.errors import SceneError
+
+SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
+) -> None:
+    """Predict the shipped scene, simulate the same, and compare: table, picture, animation.
+
+    Example: `pushgraph demo --out demo`
+    """
+    from pushgraph.physics import PhysicsPredictor
+    from pushgraph.simulation.planar import simulate
+    from pushgraph.viewer.animation import save_animation
+    from pushgraph.viewer.picture import save_comparison
+
+    scene = _load_scene("demo")
+    with console.status("Predicting"):
+        predicted = PhysicsPredictor.load().predict(scene)
+    with console.status("Simulating"):
+        simulated = simulate(scene)
+    tracks = {"Predicted": predicted, "Simulated": simulated}
+    outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png", out / "animation.gif"]
+    with console.status("Drawing"):
+        for track, path in zip(tracks.values(), outputs, strict=False):
+            track.save(path)
+        save_comparison(tracks, outputs[2])
+        save_animation(tracks, outputs[3])
+    console.print(_differences(predicted, simulated))
+    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+
+
+def predict(
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    relations: Annotated[str, typer.Option(help="given, or none: as if nothing were joined.")] = "given",
+    masses: Annotated[str, typer.Option(help="given, or mean: as if no mass were known.")] = "given",
+    model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
+    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+) -> None:
+    """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
+
+    Examples:
+
+    `pushgraph predict scene.json --out result`
+
+    `pushgraph predict demo --relations none --masses mean --animation none`
+    """
+    from pushgraph.physics import PhysicsPredictor
+
+    for name, value, valid in (("relations", relations, ("given", "none")), ("masses", masses, ("given", "mean"))):
+        if value not in valid:
+            raise typer.BadParameter(f"{value!r}; valid: {', '.join(valid)}", param_hint=f"--{name}")
+    _check_animation_option(animation)
+    given = _load_scene(scene)
+    if relations == "none":
+        given = given.replace(joints=(), unknown_pairs=())
+    if masses == "mean":
+        given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
+    with console.status(f"Predicting {len(given.pushes)} pushes"):
+        track = PhysicsPredictor.load(model).predict(given)
+    _write_track(track, out or Path(Path(scene).stem), animation)
+
+
+def simulate(
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+) -> None:
+    """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
+
+    Examples:
+
+    `pushgraph simulate scene.json --out result`
+
+    `pushgraph simulate demo --animation none`
+    """
+    _simulate(scene, out or Path(Path(scene).stem), animation)
+
+
+def _simulate(source: str, out: Path, animation: str) -> None:
+    from pushgraph.simulation.planar import simulate
+
+    _check_animation_option(animation)
+    scene = _load_scene(source)
+    known = scene.with_nominal_values()
+    if known != scene:
+        console.print("Unknown masses and frictions are simulated at their nominal values.")
+    if scene.unknown_pairs:
+        console.print("Unknown pairs are simulated as not joined.")
+    with console.status(f"Simulating {len(known.pushes)} pushes"):
+        track = simulate(known)
+    _write_track(track, out, animation)
+
+
+def _check_animation_option(animation: str) -> None:
+    from pushgraph.viewer.animation import check_animation
+
+    if animation not in ("gif", "mp4", "none"):
+        raise typer.BadParameter(f"{animation!r}; valid: gif, mp4, none", param_hint="--animation")
+    if animation != "none":
+        check_animation(f"animation.{animation}")
+
+
+def _write_track(track, out: Path, animation: str) -> None:
+    from pushgraph.viewer.animation import save_animation
+    from pushgraph.viewer.picture import save_picture
+
+    outputs = [out / "track.h5", out / "track.csv", out / "picture.png"]
+    with console.status("Drawing"):
+        track.save(outputs[0])
+        track.save(outputs[1])
+        save_picture(track, outputs[2])
+        if animation != "none":
+            outputs.append(out / f"animation.{animation}")
+            save_animation(track, outputs[-1])
+    console.print(_final_poses(track))
+    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+
+
+def _load_scene(source: str):
+    from pushgraph.scene import Scene
+
+    shipped = {path.stem: path for path in SHIPPED_SCENES.glob("*.json")}
+    if source in shipped and not Path(source).is_file():
+        return Scene.load(shipped[source])
+    try:
+        return Scene.load(source)
+    except SceneError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise SceneError(f"{error}; shipped scenes: {', '.join(sorted(shipped))}") from None
+        raise
+
+
+def _final_poses(track) -> Table:
+    table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
+    for name in ("body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"):
+        table.add_column(name, justify="left" if name == "body" else "right")
+    change = track.poses[-1] - track.poses[0]
+    for node, name in enumerate(track.nodes[1:], start=1):
+        x, y, yaw = track.poses[-1, node]
+        moved, turned = np.hypot(*change[node, :2]) * 100, np.degrees(change[node, 2])
+        table.add_row(name, f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
+    return table
+
+
+def _differences(predicted, simulated) -> Table:
+    table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
+    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)"):
+        table.add_column(name, justify="left" if name == "body" else "right")
+    change = simulated.poses[-1] - simulated.poses[0]
+    off = predicted.poses[-1] - simulated.poses[-1]
+    for node, name in enumerate(simulated.nodes[1:], start=1):
+        lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
+        angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
+        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1])
+    return table

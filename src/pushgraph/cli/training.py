@@ -1,0 +1,139 @@
+"""The commands of `pushgraph train`."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from pushgraph.cli.output import console
+
+app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
+
+
+@app.callback()
+def train() -> None:
+    """Train the networks; killed or interrupted, the same command goes on."""
+
+
+@app.command("physics")
+def physics(
+    data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")],
+    validation: Annotated[Path, typer.Option(help="Scenes whose rollouts choose the weights.")],
+    out: Annotated[Path, typer.Option(help="The checkpoint, safetensors.")],
+    model: Annotated[str, typer.Option(help="contact (ours) or propnet (the paper's).")] = "contact",
+    samples: Annotated[int, typer.Option(min=1, help="Predicted frames of training windows, all in all.")] = 20_000_000,
+    frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 10,
+    batch: Annotated[int, typer.Option(min=1, help="Windows in a step, over all processes.")] = 256,
+    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 1.5e-3,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 96,
+    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 6,
+    precision: Annotated[str, typer.Option(help="float32 or bfloat16.")] = "float32",
+    seed: Annotated[int, typer.Option(min=0, help="Of first weights and batches.")] = 0,
+    start_from: Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")] = None,
+    processes: Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")] = (
+        os.cpu_count() or 1
+    ),
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    cache: Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")] = (
+        None
+    ),
+) -> None:
+    """Train physics prediction on unrolled frames; the weights with the smallest rollout error are kept.
+
+    Examples:
+
+    `pushgraph train physics --data planar.h5 --validation validation.h5 --out contact.safetensors`
+
+    `torchrun --nproc-per-node 8 -m pushgraph train physics --device cuda --data planar.h5 --validation validation.h5
+    --out contact.safetensors`
+    """
+    from pushgraph.storage import cache_folder
+    from pushgraph.training.physics import PhysicsTraining, train_physics
+    from pushgraph.training.processes import become_torchrun, started_by_torchrun
+    from pushgraph.viewer.curve import save_curve
+
+    training = PhysicsTraining(
+        model=model,
+        data=str(data),
+        validation=str(validation),
+        samples=samples,
+        frames=frames,
+        batch=batch,
+        learning_rate=learning_rate,
+        hidden=hidden,
+        propagation_steps=propagation_steps,
+        precision=precision,
+        seed=seed,
+        start_from=None if start_from is None else str(start_from),
+    )
+    if processes > 1 and not started_by_torchrun():
+        become_torchrun(processes, sys.argv[1:])
+    place = cache or cache_folder()
+    reporter = _TrainingReporter(training)
+    with reporter.progress:
+        now = train_physics(training, place, out, device, reporter.tell)
+    if now is None:
+        return
+    console.print(reporter.table(now))
+    curve = training.folder(place) / "curve.png"
+    save_curve(now.curve, curve)
+    console.print(f"Written: {out}, {curve}", soft_wrap=True, markup=False)
+
+
+class _TrainingReporter:
+    """Shows how a training goes: a bar with the time left, a line a validation, at the end curve and table."""
+
+    def __init__(self, training) -> None:
+        self._leads = os.environ.get("RANK", "0") == "0"
+        self.progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TextColumn("{task.percentage:.1f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[loss]}", markup=False),
+            console=console,
+            disable=not self._leads,
+        )
+        self._bar = self.progress.add_task(f"physics, {training.model}", total=training.steps, loss="")
+        self._told = None
+
+    def tell(self, training, now, loss: float) -> None:
+        if not self._leads:
+            return
+        if self._told is None:
+            self._told = len(now.curve)
+            self._begun = now.step - 1
+            self.progress.update(self._bar, completed=self._begun)
+        self.progress.update(self._bar, completed=now.step, loss=f"loss {loss:.3f}")
+        if len(now.curve) > self._told:
+            self._told = len(now.curve)
+            last = now.curve[-1]
+            left = (training.steps - now.step) * now.seconds / now.step
+            errors = [last[name] for name in ("mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")]
+            console.print(
+                f"step {now.step} of {training.steps}, {now.seconds:.0f} s, {left:.0f} s left: "
+                f"loss {last['loss']:.4f}; "
+                "validation, 50 frames: mean error {:.3f} cm, final error of moved objects {:.2f} of {:.1f} cm".format(
+                    *errors
+                ),
+                highlight=False,
+                soft_wrap=True,
+            )
+
+    def table(self, now) -> Table:
+        table = Table(title="Validation after 50 frames")
+        for name in ("step", "time (s)", "loss", "mean error (cm)", "final error, moved (cm)", "displacement (cm)"):
+            table.add_column(name, justify="right")
+        for row in now.curve:
+            numbers = [row[name] for name in ("mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")]
+            best = " *" if numbers[0] == now.best else ""
+            columns = [f"{row['seconds']:.0f}", f"{row['loss']:.4f}", *(f"{number:.3f}" for number in numbers)]
+            table.add_row(f"{row['step']}{best}", *columns)
+        table.caption = "*: the weights that were kept"
+        return table

@@ -1,0 +1,134 @@
+"""Which pairs may touch in a frame, and which of them a chain of pairs ties to the tool."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pushgraph import pose
+from pushgraph.contact import Contact, RoundedBox, contact_between
+from pushgraph.graph.scene_batch import pairs_of
+from pushgraph.graph.state import Control, State
+
+MARGIN = 0.003
+"""Gap (m) beyond what two pieces may move in a frame at which they still share an edge."""
+STEPS_OF_REACH = 2.0
+"""What two pieces may close in one frame, in steps of the tool."""
+SLIDER_REACH = 0.12
+"""A pair that may be joined keeps its edge up to this gap (m)."""
+STILL = 1e-7
+"""A tool that moves less than this in a frame (m) is at rest."""
+
+
+class Near(NamedTuple):
+    """Pairs of bodies first < second, or of a body and a part of the tool; -1 where there is none.
+
+    pair: where the two bodies stand in `pairs_of`. contact: in the frame of the first. fade: from 1 to 0 where the
+    gap is about to be too wide; 1 for pairs that are joined, or may be.
+    """
+
+    scene: Int[Tensor, " pairs"]
+    first: Int[Tensor, " pairs"]
+    second: Int[Tensor, " pairs"]
+    part: Int[Tensor, " pairs"]
+    pair: Int[Tensor, " pairs"]
+    contact: Contact
+    fade: Float[Tensor, " pairs"]
+
+
+def near_pairs(
+    state: State, control: Control, index: Int[Tensor, "batch bodies"], step: Float[Tensor, " batch"]
+) -> Near:
+    """Pairs that share an edge in this frame; `index` is the piece of each body, `step` how far each tool moves (m)."""
+    candidates = _candidates(state, control, index, step)
+    candidates = candidates.take(_tied_to_tool(candidates, index))
+    contact = _contacts(state, control, candidates)
+    linked = _linked(state, candidates, contact.gap)
+    reach = MARGIN + STEPS_OF_REACH * step[candidates.scene]
+    fade = ((reach - contact.gap) / (reach / 3)).clamp(0, 1)
+    fade = torch.where(linked, 1.0, fade)
+    chosen = (linked | (fade > 0)).nonzero().squeeze(-1)
+    chosen = chosen[_tied_to_tool(candidates.take(chosen), index)]
+    return Near(*candidates.take(chosen), Contact(*(values[chosen] for values in contact)), fade[chosen])
+
+
+class _Pairs(NamedTuple):
+    scene: Tensor
+    first: Tensor
+    second: Tensor
+    part: Tensor
+    pair: Tensor
+
+    def take(self, index: Tensor) -> "_Pairs":
+        return _Pairs(*(column[index] for column in self))
+
+
+def _candidates(state: State, control: Control, index: Tensor, step: Tensor) -> _Pairs:
+    """Pairs whose circumscribed circles are near enough, in scenes whose tool moves; and those that are joined."""
+    scenes, positions = state.scenes, state.poses[..., :2]
+    a, b = pairs_of(positions.shape[1], positions.device)
+    size = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
+    reach = (MARGIN + STEPS_OF_REACH * step)[:, None]
+    moves = scenes.present & (step > STILL)[:, None]
+    relations = state.relations
+    apart = (positions[:, b] - positions[:, a]).square().sum(-1)
+    limit = torch.where(relations.remembered & ~relations.known, SLIDER_REACH, reach) + size[:, a] + size[:, b]
+    near = (apart < limit.square()) | (relations.kind > 0)
+    near &= moves[:, a] & moves[:, b] & (index[:, a] != index[:, b])
+    scene, pair = near.nonzero(as_tuple=True)
+
+    parts = pose.transform(control.pose[:, None], scenes.pose_tool_from_part[..., :2].to(positions.dtype))
+    part_size = scenes.parts.half_extents.norm(dim=-1) + scenes.parts.radius
+    apart = (parts[:, None] - positions[:, :, None]).square().sum(-1)
+    limit = reach[..., None] + size[..., None] + part_size[:, None]
+    near = (apart < limit.square()) & moves[..., None] & scenes.part_present[:, None]
+    tool_scene, body, part = near.nonzero(as_tuple=True)
+    none, no_part = torch.full_like(tool_scene, -1), torch.full_like(scene, -1)
+    return _Pairs(
+        scene=torch.cat((scene, tool_scene)),
+        first=torch.cat((a[pair], body)),
+        second=torch.cat((b[pair], none)),
+        part=torch.cat((no_part, part)),
+        pair=torch.cat((pair, none)),
+    )
+
+
+def _tied_to_tool(pairs: _Pairs, index: Tensor) -> Tensor:
+    """Which pairs a chain of pairs ties to the tool."""
+    bodies = index.shape[1]
+    first = pairs.scene * bodies + index[pairs.scene, pairs.first]
+    second = pairs.scene * bodies + index[pairs.scene, pairs.second.clamp(min=0)]
+    second = torch.where(pairs.part >= 0, first, second)
+    reached = torch.zeros(index.numel(), dtype=torch.bool, device=index.device)
+    reached[first[pairs.part >= 0]] = True
+    tied, count = reached[first], -1
+    while int(tied.sum()) != count:
+        count = int(tied.sum())
+        reached[first[tied]], reached[second[tied]] = True, True
+        tied = reached[first] | reached[second]
+    return tied
+
+
+def _linked(state: State, pairs: _Pairs, gap: Tensor) -> Bool[Tensor, " pairs"]:
+    """Pairs that share an edge however large their gap: joined ones, and unknown ones that may be joined."""
+    relations, scene, pair = state.relations, pairs.scene, pairs.pair.clamp(min=0)
+    may_slide = relations.remembered[scene, pair] & ~relations.known[scene, pair] & (gap < SLIDER_REACH)
+    return (pairs.pair >= 0) & ((relations.kind[scene, pair] > 0) | may_slide)
+
+
+def _contacts(state: State, control: Control, pairs: _Pairs) -> Contact:
+    scenes, poses, scene = state.scenes, state.poses, pairs.scene
+    is_tool = pairs.part >= 0
+    second, part = pairs.second.clamp(min=0), pairs.part.clamp(min=0)
+    pose_world_from_part = pose.compose(control.pose[scene], scenes.pose_tool_from_part[scene, part].to(poses.dtype))
+    pose_world_from_other = torch.where(is_tool[:, None], pose_world_from_part, poses[scene, second])
+    boxes, parts = scenes.boxes, scenes.parts
+    return contact_between(
+        RoundedBox(boxes.half_extents[scene, pairs.first], boxes.radius[scene, pairs.first]),
+        RoundedBox(
+            torch.where(is_tool[:, None], parts.half_extents[scene, part], boxes.half_extents[scene, second]),
+            torch.where(is_tool, parts.radius[scene, part], boxes.radius[scene, second]),
+        ),
+        pose.relative(poses[scene, pairs.first], pose_world_from_other).float(),
+    )

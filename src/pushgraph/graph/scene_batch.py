@@ -1,0 +1,271 @@
+"""Many scenes as tensors: what does not change while they are pushed."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pushgraph import pose
+from pushgraph.body import Joint
+from pushgraph.contact import RoundedBox, contact_between
+from pushgraph.scene import (
+    NOMINAL_MASS,
+    NOMINAL_SIDE_FRICTION,
+    NOMINAL_TABLE_FRICTION,
+    JointFrame,
+    Scene,
+    place_joint,
+)
+from pushgraph.shape import mean_radius, rounded_boxes
+
+JOINT_CODES = {"none": 0, "fixed": 1, "prismatic": 2, "revolute": 3}
+"""The paper's codes of joints."""
+Index = int | Int[Tensor, "*batch"]
+
+
+class Relations(NamedTuple):
+    """What is known of every pair of bodies a < b, in the order of `pairs_of`, and what is remembered of it.
+
+    kind: JOINT_CODES, 0 where not known. anchor_a, anchor_b: the joint's anchor, or for an unknown pair the midpoint
+    of its closest points when it was first adjacent, in the frame of each body (m). yaw_offset: yaw of b less that of
+    a then (rad). axis: along which b slides, in the frame of a. limits: lowest and highest angle of b relative to a
+    (rad) or displacement along the axis (m). remembered: whether there is an anchor.
+    """
+
+    kind: Int[Tensor, "batch pairs"]
+    known: Bool[Tensor, "batch pairs"]
+    remembered: Bool[Tensor, "batch pairs"]
+    anchor_a: Float[Tensor, "batch pairs 2"]
+    anchor_b: Float[Tensor, "batch pairs 2"]
+    yaw_offset: Float[Tensor, "batch pairs"]
+    axis: Float[Tensor, "batch pairs 2"]
+    limits: Float[Tensor, "batch pairs 2"]
+
+
+class SceneBatch(NamedTuple):
+    """Scenes side by side, padded to the most bodies and tool parts among them.
+
+    group: index of the first body of a body's rigid group; its own, if it is in none. Unknown masses and frictions
+    stand at their nominal values, with the flag off. patch_radius: mean distance of a body's points from its centre.
+    """
+
+    present: Bool[Tensor, "batch bodies"]
+    boxes: RoundedBox  # [batch bodies]
+    is_cylinder: Bool[Tensor, "batch bodies"]
+    patch_radius: Float[Tensor, "batch bodies"]
+    group: Int[Tensor, "batch bodies"]
+    mass: Float[Tensor, "batch bodies"]
+    mass_known: Bool[Tensor, "batch bodies"]
+    yaw_known: Bool[Tensor, "batch bodies"]
+    table_friction: Float[Tensor, " batch"]
+    table_friction_known: Bool[Tensor, " batch"]
+    side_friction: Float[Tensor, " batch"]
+    side_friction_known: Bool[Tensor, " batch"]
+    part_present: Bool[Tensor, "batch parts"]
+    parts: RoundedBox  # [batch parts]
+    pose_tool_from_part: Float[Tensor, "batch parts 3"]
+    reach: Float[Tensor, " batch"]
+    relations: Relations
+
+    def take(self, index: Int[Tensor, " scenes"]) -> "SceneBatch":
+        """Some of the scenes, in the order of `index`."""
+        return _map(lambda values: values[index], self)
+
+    def to(self, device: torch.device | str) -> "SceneBatch":
+        """The same on another device."""
+        return _map(lambda values: values.to(device), self)
+
+
+def pairs_of(bodies: int, device: torch.device | str = "cpu") -> Int[Tensor, "2 pairs"]:
+    """All pairs a < b of a number of bodies."""
+    return torch.triu_indices(bodies, bodies, 1, device=device)
+
+
+def pair_index(a: Index, b: Index, bodies: int) -> Index:
+    """Where the pair a < b stands in `pairs_of`."""
+    return a * bodies - a * (a + 1) // 2 + b - a - 1
+
+
+def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
+    """Stack scenes; bodies stand in their scene's order. There is room for two at least, so that there is a pair."""
+    count, bodies = len(scenes), max(2, *(len(scene.bodies) for scene in scenes))
+    parts = max(len(scene.tool.parts) for scene in scenes)
+    columns = {
+        "present": np.zeros((count, bodies), bool),
+        "core": np.zeros((count, bodies, 3), np.float32),
+        "is_cylinder": np.zeros((count, bodies), bool),
+        "patch_radius": np.ones((count, bodies), np.float32),
+        "group": np.tile(np.arange(bodies), (count, 1)),
+        "mass": np.full((count, bodies), NOMINAL_MASS, np.float32),
+        "mass_known": np.zeros((count, bodies), bool),
+        "yaw_known": np.zeros((count, bodies), bool),
+        "part_present": np.zeros((count, parts), bool),
+        "part_core": np.zeros((count, parts, 3), np.float32),
+        "pose_tool_from_part": np.zeros((count, parts, 3), np.float32),
+    }
+    for k, scene in enumerate(scenes):
+        n = len(scene.bodies)
+        columns["present"][k, :n] = True
+        columns["core"][k, :n] = [body.shape.core for body in scene.bodies]
+        columns["is_cylinder"][k, :n] = [body.shape.kind == "cylinder" for body in scene.bodies]
+        columns["patch_radius"][k, :n] = [mean_radius(body.shape) for body in scene.bodies]
+        columns["mass"][k, :n] = [NOMINAL_MASS if body.mass is None else body.mass for body in scene.bodies]
+        columns["mass_known"][k, :n] = [body.mass is not None for body in scene.bodies]
+        columns["yaw_known"][k, :n] = [body.yaw_known for body in scene.bodies]
+        index = {name: i for i, name in enumerate(scene.names)}
+        for group in scene.rigid_groups:
+            members = [index[name] for name in group]
+            columns["group"][k, members] = min(members)
+        p = len(scene.tool.parts)
+        columns["part_present"][k, :p] = True
+        columns["part_core"][k, :p] = [part.shape.core for part in scene.tool.parts]
+        columns["pose_tool_from_part"][k, :p] = [part.pose_tool_from_part for part in scene.tool.parts]
+    tensors = {name: torch.from_numpy(values) for name, values in columns.items()}
+    core, part_core = tensors.pop("core"), tensors.pop("part_core")
+    table = [scene.table.friction for scene in scenes]
+    side = [scene.side_friction for scene in scenes]
+    return SceneBatch(
+        boxes=RoundedBox(core[..., :2], core[..., 2]),
+        parts=RoundedBox(part_core[..., :2], part_core[..., 2]),
+        reach=torch.tensor([scene.tool.reach for scene in scenes], dtype=torch.float32),
+        table_friction=torch.tensor([NOMINAL_TABLE_FRICTION if f is None else f for f in table]),
+        table_friction_known=torch.tensor([f is not None for f in table]),
+        side_friction=torch.tensor([NOMINAL_SIDE_FRICTION if f is None else f for f in side]),
+        side_friction_known=torch.tensor([f is not None for f in side]),
+        relations=_relations(scenes, bodies),
+        **tensors,
+    )
+
+
+def hide_relations(scenes: SceneBatch, hidden: Bool[Tensor, "batch pairs"]) -> SceneBatch:
+    """The same scenes, some pairs unknown: neither joint nor anchor are given."""
+    old = scenes.relations
+    return scenes._replace(
+        relations=old._replace(
+            kind=torch.where(hidden, 0, old.kind),
+            known=old.known & ~hidden,
+            remembered=old.remembered & ~hidden,
+            limits=torch.where(hidden[..., None], 0.0, old.limits),
+        )
+    )
+
+
+def remember(
+    scenes: SceneBatch, relations: Relations, poses: Float[Tensor, "batch bodies 3"], adjacent_gap: float
+) -> Relations:
+    """Start the memory of unknown pairs that are adjacent for the first time."""
+    if bool(relations.known.all()):
+        return relations
+    a, b = pairs_of(poses.shape[1], poses.device)
+    size = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
+    apart = (poses[:, b, :2] - poses[:, a, :2]).norm(dim=-1) - size[:, a] - size[:, b]
+    new = ~relations.known & ~relations.remembered & (apart < adjacent_gap)
+    new &= scenes.present[:, a] & scenes.present[:, b]
+    scene, pair = new.nonzero(as_tuple=True)
+    if not len(scene):
+        return relations
+    pose_a, pose_b = poses[scene, a[pair]], poses[scene, b[pair]]
+    touch = contact_between(
+        _boxes(scenes, scene, a[pair]), _boxes(scenes, scene, b[pair]), pose.relative(pose_a, pose_b).float()
+    )
+    close = touch.gap < adjacent_gap
+    scene, pair, pose_a, pose_b = scene[close], pair[close], pose_a[close], pose_b[close]
+    midpoint = (touch.points_a[close, 0] + touch.points_b[close, 0]) / 2
+    anchor_world = pose.transform(pose_a, midpoint.to(pose_a))
+    anchor_b = pose.transform(pose.inverse(pose_b), anchor_world)
+
+    def put(old: Tensor, values: Tensor) -> Tensor:
+        return old.index_put((scene, pair), values.to(old.dtype))
+
+    return relations._replace(
+        remembered=put(relations.remembered, torch.ones_like(scene, dtype=torch.bool)),
+        anchor_a=put(relations.anchor_a, midpoint),
+        anchor_b=put(relations.anchor_b, anchor_b),
+        yaw_offset=put(relations.yaw_offset, pose_b[:, 2] - pose_a[:, 2]),
+    )
+
+
+def _boxes(scenes: SceneBatch, scene: Tensor, body: Tensor) -> RoundedBox:
+    return RoundedBox(scenes.boxes.half_extents[scene, body], scenes.boxes.radius[scene, body])
+
+
+def _relations(scenes: Sequence[Scene], bodies: int) -> Relations:
+    count, pairs = len(scenes), bodies * (bodies - 1) // 2
+    kind = np.zeros((count, pairs), np.int64)
+    known = np.ones((count, pairs), bool)
+    anchors = np.zeros((2, count, pairs, 2), np.float32)
+    yaw_offset = np.zeros((count, pairs), np.float32)
+    axis_in_a = np.zeros((count, pairs, 2), np.float32)
+    all_limits = np.zeros((count, pairs, 2), np.float32)
+    jointed: list[_Jointed] = []
+    for k, scene in enumerate(scenes):
+        if not scene.joints and not scene.unknown_pairs:
+            continue
+        index = {name: i for i, name in enumerate(scene.names)}
+        if scene.unknown_pairs:
+            known[k] = _known_pairs(scene, index, bodies)
+        jointed += [_Jointed(k, index[joint.parent], index[joint.child], joint) for joint in scene.joints]
+    for (k, parent, child, joint), (anchor, axis, limits) in zip(jointed, _joint_frames(scenes, jointed), strict=True):
+        a, b = sorted((parent, child))
+        pose_a, pose_b = (np.array(scenes[k].bodies[body].pose_world_from_body) for body in (a, b))
+        pair = pair_index(a, b, bodies)
+        kind[k, pair], known[k, pair] = JOINT_CODES[joint.kind], True
+        for side, pose_body in enumerate((pose_a, pose_b)):
+            anchors[side, k, pair] = pose.transform(pose.inverse(pose_body), anchor)
+        yaw_offset[k, pair] = pose_b[2] - pose_a[2]
+        # The motion of the later body relative to the earlier one.
+        axis = axis if a == parent else -axis
+        axis_in_a[k, pair] = pose.rotate(axis, -pose_a[2])
+        limits_of_b = (-limits[1], -limits[0]) if a == child and joint.kind == "revolute" else limits
+        all_limits[k, pair] = limits_of_b
+    return Relations(
+        kind=torch.from_numpy(kind),
+        known=torch.from_numpy(known),
+        remembered=torch.from_numpy(kind > 0),
+        anchor_a=torch.from_numpy(anchors[0]),
+        anchor_b=torch.from_numpy(anchors[1]),
+        yaw_offset=torch.from_numpy(yaw_offset),
+        axis=torch.from_numpy(axis_in_a),
+        limits=torch.from_numpy(all_limits),
+    )
+
+
+class _Jointed(NamedTuple):
+    scene: int
+    parent: int
+    child: int
+    joint: Joint
+
+
+def _joint_frames(scenes: Sequence[Scene], jointed: Sequence[_Jointed]) -> list[JointFrame]:
+    """Frames of joints of many scenes, their contacts computed together."""
+    if not jointed:
+        return []
+    ends = [[scenes[one.scene].bodies[getattr(one, end)] for one in jointed] for end in ("parent", "child")]
+    poses = [np.array([body.pose_world_from_body for body in bodies]) for bodies in ends]
+    boxes = [rounded_boxes([body.shape for body in bodies]) for bodies in ends]
+    touch = contact_between(*boxes, torch.from_numpy(pose.relative(*poses)))
+    points = touch.points_a[:, 0].numpy(), touch.points_b[:, 0].numpy()
+    columns = zip(jointed, *poses, touch.gap.tolist(), *points, strict=True)
+    return [place_joint(one.joint, *place) for one, *place in columns]
+
+
+def _known_pairs(scene: Scene, index: dict[str, int], bodies: int) -> np.ndarray:
+    known = np.ones(bodies * (bodies - 1) // 2, bool)
+    if scene.unknown_pairs == "unlisted":
+        for a, b in scene.pairs_apart:
+            known[pair_index(a, b, bodies)] = False
+        return known
+    for names in scene.unknown_pairs:
+        a, b = sorted(index[name] for name in names)
+        known[pair_index(a, b, bodies)] = False
+    return known
+
+
+def _map(function, batch):
+    if isinstance(batch, Tensor):
+        return function(batch)
+    return type(batch)(*(_map(function, values) for values in batch))

@@ -1,0 +1,131 @@
+"""Physics prediction: roll out what planned pushes do."""
+
+import contextlib
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from safetensors.torch import save
+from torch import Tensor
+
+from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.dataset.engines import single_threaded
+from pushgraph.errors import PredictionError
+from pushgraph.graph.scene_batch import batch_scenes
+from pushgraph.graph.state import State, controls, start
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.scene import Scene
+from pushgraph.simulation.motion import plan_tool
+from pushgraph.storage import cache_folder, replacing
+from pushgraph.tool import Push
+from pushgraph.track import FRAME, LIFTED, Track
+
+MODELS = ("contact", "propnet")
+"""The shipped predictors: ours, and the paper's."""
+FEW = 64
+"""So few scenes are predicted on one thread: several would wait for each other more than they work."""
+
+
+def rollout(
+    dynamics: Dynamics,
+    state: State,
+    tool: Float[Tensor, "batch frames 3"],
+    down: Bool[Tensor, "batch frames"],
+) -> Float[Tensor, "batch frames bodies 3"]:
+    """Poses of all bodies (pose_world_from_body) in every frame, the first being the state's.
+
+    tool: pose_world_from_tool. down: whether it is down on the table. Differentiable in all poses.
+    """
+    poses = [state.poses]
+    for control in controls(tool, down):
+        poses.append(poses[-1] + dynamics(state, control))
+        state = state.observe(poses[-1])
+    return torch.stack(poses, 1)
+
+
+class PhysicsPredictor:
+    """A trained network that predicts what pushes do, for any number of bodies and scenes.
+
+    record: how it was trained.
+    """
+
+    def __init__(self, dynamics: Dynamics, record: Mapping[str, Any] | None = None) -> None:
+        self.dynamics, self.record = dynamics, dict(record or {})
+
+    @classmethod
+    def load(cls, model: str | os.PathLike = "contact", device: str = "cpu") -> "PhysicsPredictor":
+        """Load a shipped predictor by name, or the checkpoint in a file.
+
+        Raises CheckpointError if there is no such file, or any part of it is not what it should be.
+        """
+        path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
+        checkpoint = load_checkpoint(path)
+        return cls(checkpoint.dynamics.to(device).requires_grad_(False), checkpoint.record)
+
+    def start(self, scenes: Sequence[Scene]) -> State:
+        """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned."""
+        batch = batch_scenes(scenes)
+        poses = torch.zeros(*batch.mass.shape, 3, dtype=torch.float64)
+        for k, scene in enumerate(scenes):
+            poses[k, : len(scene.bodies)] = torch.from_numpy(scene.poses_world_from_body)
+        return start(batch, poses)
+
+    def rollout(
+        self, states: State, tool: Float[Tensor, "batch frames 3"], down: Bool[Tensor, "batch frames"]
+    ) -> Float[Tensor, "batch frames bodies 3"]:
+        """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses."""
+        return rollout(self.dynamics, states, tool, down)
+
+    def predict(self, scene: Scene, pushes: Sequence[Push] | None = None) -> Track:
+        """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them."""
+        scene = scene if pushes is None else scene.replace(pushes=tuple(pushes))
+        return self.predict_many([scene])[0]
+
+    def predict_many(self, scenes: Sequence[Scene], frames: int | None = None) -> list[Track]:
+        """Predict many scenes side by side; with `frames`, only so many frames of each.
+
+        Raises PredictionError if a pose is not finite; what caused it is saved.
+        """
+        plans = [plan_tool(scene.pushes, scene.tool) for scene in scenes]
+        plans = [(poses[:frames], push[:frames]) for poses, push in plans]
+        longest = max(len(push) for _, push in plans)
+        tool = np.stack([np.concatenate((poses, np.repeat(poses[-1:], longest - len(poses), 0))) for poses, _ in plans])
+        down = np.stack([np.pad(push != LIFTED, (0, longest - len(push))) for _, push in plans])
+        few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
+        with torch.no_grad(), few:
+            poses = self.rollout(self.start(scenes), torch.from_numpy(tool), torch.from_numpy(down))
+        self._check_finite(poses, tool)
+        tracks = []
+        for k, (scene, (tool_poses, push)) in enumerate(zip(scenes, plans, strict=True)):
+            bodies = poses[k, : len(push), : len(scene.bodies)].numpy()
+            tracks.append(
+                Track(
+                    scene=scene,
+                    times=np.arange(len(push)) * FRAME,
+                    poses=np.concatenate((tool_poses[:, None], bodies), 1),
+                    push=push,
+                    seen=np.ones((len(push), 1 + len(scene.bodies)), dtype=bool),
+                )
+            )
+        return tracks
+
+    def _check_finite(self, poses: Tensor, tool: np.ndarray) -> None:
+        bad = ~poses.isfinite().all(-1)
+        if not bad.any():
+            return
+        scene, frame, body = bad.nonzero()[bad.nonzero()[:, 1].argmin()].tolist()
+        path = cache_folder() / "failures" / "rollout.safetensors"
+        with replacing(path) as temporary:
+            state = {
+                "poses": poses[scene, : frame + 1].contiguous(),
+                "tool": torch.from_numpy(tool[scene, : frame + 1]),
+            }
+            temporary.write_bytes(save(state))
+        raise PredictionError(
+            f"scene {scene}: the predicted pose of body {body} is not finite at frame {frame}; poses up to there "
+            f"are in {path}"
+        )

@@ -1,0 +1,21 @@
+"""The curve of a training: loss and validation error against time."""
+
+import os
+from collections.abc import Mapping, Sequence
+
+from matplotlib.figure import Figure
+
+from pushgraph.storage import replacing
+
+
+def save_curve(curve: Sequence[Mapping[str, float]], path: str | os.PathLike) -> None:
+    """Draw the rows of a training's curve (see `training.running.Progress`)."""
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    minutes = [row["seconds"] / 60 for row in curve]
+    panels = (("loss", "loss (steps of the tool)"), ("mean_error_cm", "mean rollout error, 50 frames (cm)"))
+    for axes, (name, label) in zip(figure.subplots(1, 2), panels, strict=True):
+        axes.plot(minutes, [row[name] for row in curve], marker=".")
+        axes.set(xlabel="minutes", ylabel=label, yscale="log")
+        axes.grid(alpha=0.3, which="both")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=110)

@@ -1,0 +1,259 @@
+"""Training: it learns, survives kills without a trace, and stops at what is not finite."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+from typer.testing import CliRunner
+
+from pushgraph import cli
+from pushgraph.checkpoint import load_checkpoint
+from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.windows import WindowSampler
+from pushgraph.errors import TrainingError
+from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes
+from pushgraph.graph.state import start
+from pushgraph.scene import Scene
+from pushgraph.simulation.setups import draw_trajectory, multiple_parts, planar
+from pushgraph.training.examples import ExampleMaker, mirror, mirror_scenes, withhold
+from pushgraph.training.losses import unrolled_loss
+from pushgraph.training.physics import PhysicsTraining, train_physics
+
+TINY = {"frames": 2, "batch": 16, "hidden": 8, "propagation_steps": 2}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> dict[str, str]:
+    """Four trajectories of three bodies to learn from, two to choose by."""
+    paths = {}
+    for name, seed, count in (("data", 0, 4), ("validation", 1, 2)):
+        path = tmp_path_factory.mktemp("training") / f"{name}.h5"
+        columns = Columns.of([draw_trajectory("planar", 3, seed, k) for k in range(count)])
+        recipe = Recipe(setup="planar", objects=3, seed=seed, first=0, count=count)
+        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        paths[name] = str(path)
+    return paths
+
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    return load_checkpoint(path).dynamics.state_dict()
+
+
+@pytest.mark.parametrize("model", ["contact", "propnet"])
+def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path) -> None:
+    training = PhysicsTraining(model, **data, samples=3200, learning_rate=3e-3, **TINY)
+    train_physics(training, tmp_path, tmp_path / "out.safetensors")
+    checkpoint = load_checkpoint(tmp_path / "out.safetensors")
+    record, curve = checkpoint.record, checkpoint.record["curve"]
+    assert record["samples"] == 3200
+    assert record["data"]["seed"] == 0
+    assert record["training"]["batch"] == 16
+    assert min(row["mean_error_cm"] for row in curve) < curve[0]["mean_error_cm"]
+    assert curve[-1]["loss"] < curve[0]["loss"]
+
+
+SCRIPT = """
+import sys, json, pathlib
+from pushgraph.training import loop
+from pushgraph.training.physics import PhysicsTraining, train_physics
+loop.SAVE_EVERY = 0.0
+folder, training = pathlib.Path(sys.argv[1]), PhysicsTraining(**json.loads(sys.argv[2]))
+train_physics(training, folder, folder / "out.safetensors", tell=lambda t, now, loss: print(now.step, flush=True))
+"""
+
+
+def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> None:
+    training = PhysicsTraining("contact", **data, samples=32 * 120, **TINY)
+    train_physics(training, tmp_path / "whole", tmp_path / "whole.safetensors")
+    command = [sys.executable, "-c", SCRIPT, str(tmp_path), json.dumps(dataclasses.asdict(training))]
+    reached = 0
+    for _ in range(3):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        first = int(process.stdout.readline())
+        assert first >= reached  # at most the step under way was lost
+        for _ in range(10):
+            reached = int(process.stdout.readline())
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    whole, pieces = weights(tmp_path / "whole.safetensors"), weights(tmp_path / "out.safetensors")
+    for name, values in whole.items():
+        torch.testing.assert_close(pieces[name], values)
+
+
+def test_two_processes_train_together_and_end_with_the_one_that_started_them(data, tmp_path) -> None:
+    out = tmp_path / "out.safetensors"
+    command = [sys.executable, "-m", "pushgraph", "train", "physics", "--processes", "2", "--cache", str(tmp_path)]
+    for name, value in (data | TINY | {"out": out, "model": "contact"}).items():
+        command += [f"--{name.replace('_', '-')}", str(value)]
+    done = subprocess.run([*command, "--samples", "640"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "Validation after 50 frames" in done.stdout
+    assert load_checkpoint(out).record["training"]["processes"] == 2
+    assert len(list(tmp_path.glob("training/*/curve.png"))) == 1
+
+    process = subprocess.Popen([*command, "--samples", "1000000"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    folder = tmp_path / "training"
+    wait_until(lambda: len(list(folder.iterdir())) == 2)
+    time.sleep(4)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    wait_until(lambda: not running_with(str(tmp_path)))
+
+
+def wait_until(condition, seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.1)
+
+
+def running_with(argument: str) -> list[str]:
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().decode().split("\0")
+        except OSError:
+            continue
+        if argument in command and int(process.name) != os.getpid():
+            found.append(process.name)
+    return found
+
+
+def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monkeypatch) -> None:
+    from pushgraph.training import physics
+
+    broken = lambda network, example: unrolled_loss(network, example) * float("nan")  # noqa: E731
+    monkeypatch.setattr(physics, "unrolled_loss", broken)
+    with pytest.raises(TrainingError, match=r"step 0: loss nan.*not finite.*failure-step-0-process-0"):
+        train_physics(PhysicsTraining("contact", **data, samples=64, **TINY), tmp_path, tmp_path / "out.safetensors")
+    (failure,) = tmp_path.glob("training/*/failure-*.safetensors")
+    with safe_open(failure, "pt") as file:
+        assert all(file.get_tensor(name).isfinite().all() for name in file.keys())  # noqa: SIM118
+    assert not (tmp_path / "out.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"model": "magic"}, "no predictor 'magic'; valid: propnet, contact"),
+        ({"precision": "float16"}, "precision: must be float32 or bfloat16"),
+        ({"samples": 0}, "samples: must be at least 1"),
+        ({"data": "none.h5"}, "no such dataset: none.h5; make it with pushgraph generate"),
+        ({"learning_rate": float("nan")}, "learning_rate: must be positive"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(change, says, data) -> None:
+    with pytest.raises(TrainingError, match=says):
+        PhysicsTraining(**({"model": "contact"} | data | change))
+
+
+def test_test_seeds_are_refused(data, tmp_path) -> None:
+    columns = Columns.of([draw_trajectory("multiple-parts", 2, 1_000_000, 0)])
+    recipe = Recipe(setup="multiple-parts", objects=2, seed=1_000_000, first=0, count=1)
+    write(tmp_path / "test.h5", recipe, len(columns.push), len(columns.poses), [columns])
+    training = PhysicsTraining("contact", data=str(tmp_path / "test.h5"), validation=data["validation"], **TINY)
+    with pytest.raises(TrainingError, match="seeds from 1,000,000 on are for tests"):
+        train_physics(training, tmp_path, tmp_path / "out.safetensors")
+
+
+def test_the_command_says_what_is_wrong(data, tmp_path, capsys) -> None:
+    arguments = ["train", "physics", "--data", "none.h5", "--validation", data["validation"], "--out", "x.safetensors"]
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    assert stop.value.code == 1
+    assert "no such dataset: none.h5" in capsys.readouterr().err
+    assert CliRunner().invoke(cli.app, ["train", "physics", "--help"]).exit_code == 0
+
+
+def test_a_mirrored_scene_is_the_scene_of_the_mirrored_world() -> None:
+    found = 0
+    for index in range(16):
+        scene = planar(np.random.default_rng(index), 5, 2 * index).scene
+        turned = {"pose_world_from_body": lambda p: (p[0], -p[1], -p[2])}
+        bodies = tuple(
+            b.replace(pose_world_from_body=turned["pose_world_from_body"](b.pose_world_from_body)) for b in scene.bodies
+        )
+        joints = []
+        for joint in scene.joints:
+            anchor, axis, (low, high) = scene.joint_frame(joint)
+            place = {"anchor": (anchor[0], -anchor[1])}
+            if joint.kind == "prismatic":
+                place |= {"axis": (axis[0], -axis[1]), "limits": (low, high)}
+            if joint.kind == "revolute":
+                place |= {"limits": (-high, -low)}
+            joints.append(joint.replace(**place))
+        parts = tuple(
+            p.replace(pose_tool_from_part=turned["pose_world_from_body"](p.pose_tool_from_part))
+            for p in scene.tool.parts
+        )
+        there = scene.replace(bodies=bodies, joints=tuple(joints), tool=scene.tool.replace(parts=parts), pushes=())
+        expected = batch_scenes([Scene.from_json(there.to_json(), trusted=True)])
+        mirrored = mirror_scenes(batch_scenes([scene]), torch.tensor([-1.0]))
+        torch.testing.assert_close(mirrored.pose_tool_from_part, expected.pose_tool_from_part)
+        for one, other in zip(mirrored.relations, expected.relations, strict=True):
+            torch.testing.assert_close(one, other, atol=1e-6, rtol=0)
+        found += len(joints)
+    assert found > 8
+
+
+def test_a_window_becomes_the_example_of_what_followed(data) -> None:
+    dataset = Dataset(data["data"])
+    windows = WindowSampler(dataset, frames=5, batch=32, seed=0).batch(0)
+    example = ExampleMaker(dataset)(windows, torch.Generator().manual_seed(0))
+    assert windows.push_start.any()
+    assert not windows.push_start.all()
+    for k in range(32):
+        first = int(windows.start[k]) + (0 if windows.push_start[k] else 1)
+        true = dataset[int(windows.trajectory[k])].poses[first : first + 4]
+        signs = [torch.tensor([s]) for s in (1.0, -1.0)]
+        choices = [mirror(torch.tensor(true, dtype=torch.float32)[None], sign)[0] for sign in signs]
+        same = [torch.allclose(example.poses[k], choice[:, 1:]) for choice in choices]
+        assert any(same)
+        choice = choices[same.index(True)]
+        torch.testing.assert_close(example.state.poses[k], choice[0, 1:])
+        for frame, control in enumerate(example.controls):
+            torch.testing.assert_close(control.pose[k], choice[frame, 0])
+            torch.testing.assert_close(control.motion[k], choice[frame + 1, 0] - choice[frame, 0])
+        if windows.push_start[k]:
+            assert not example.state.motions[k].any()
+
+
+def test_what_is_withheld_leaves_no_trace() -> None:
+    scenes = [multiple_parts(np.random.default_rng(1), 5, 1).scene] * 400
+    whole = batch_scenes(scenes)
+    poses = torch.tensor(np.stack([scene.poses_world_from_body for scene in scenes]), dtype=torch.float32)
+    some = withhold(whole, poses, torch.Generator().manual_seed(0))
+    hidden = ~some.relations.known
+    assert not some.relations.kind[hidden].any()
+    assert not some.relations.remembered[hidden].any()
+    assert (some.mass[~some.mass_known] == np.float32(0.6)).all()
+    for flag in (hidden, ~some.mass_known, ~some.table_friction_known[:, None], ~some.side_friction_known[:, None]):
+        assert 0.05 < float(flag.any(1).float().mean()) < 0.25
+    assert not some.yaw_known[whole.is_cylinder].all()
+    assert some.yaw_known[~whole.is_cylinder].all()
+    joined = some.relations.kind > 0
+    assert torch.equal(some.relations.kind[joined], whole.relations.kind[joined])
+    assert set(whole.relations.kind.unique().tolist()) - {0} <= set(JOINT_CODES.values())
+
+
+def test_joints_of_a_body_whose_turning_was_not_seen_count_from_now() -> None:
+    scene = multiple_parts(np.random.default_rng(1), 4, 1).scene
+    whole = batch_scenes([scene] * 64)
+    poses = torch.tensor(np.stack([scene.poses_world_from_body] * 64), dtype=torch.float32)
+    blind = poses.clone()
+    blind[..., 2] = torch.rand(64, 4) * whole.is_cylinder  # what the yaw was when it began nobody knows
+    some = withhold(whole, blind, torch.Generator().manual_seed(0))
+    state = start(some, blind)
+    assert torch.equal(state.relations.kind, some.relations.kind)
+    unseen = ~some.yaw_known
+    assert unseen.any()
