@@ -12,7 +12,7 @@ from pushgraph.body import Joint
 from pushgraph.graph.contact_graph import contact_graph
 from pushgraph.graph.propnet_graph import propnet_graph
 from pushgraph.graph.state import Control, controls
-from pushgraph.network.contact_solver import ContactSolver, _estimates, _perpendicular, _pushed, _to_world, in_frame
+from pushgraph.network.contact_solver import ContactSolver, _estimates, _perpendicular, _pushed, in_frame, in_world
 from pushgraph.network.dynamics import ContactDynamics, PropnetDynamics
 from pushgraph.network.propagation import PropagationNetwork
 from pushgraph.physics import PhysicsPredictor
@@ -239,7 +239,7 @@ def test_the_contact_solver_worked_edge_by_edge(contact) -> None:
             weight = graph.edges[one, :1]
             total[receiver] += (hidden * weight)[0]
             pushed = _pushed(solver.force(hidden) * weight, arms[0][one], graph.compliance[receiver][None])
-            change[receiver] += _to_world(pushed, graph.normal[one])[0]
+            change[receiver] += in_world(pushed, graph.normal[one])[0]
         node = node + solver.node_update(torch.cat((node, total), -1))
         damping = solver.damping(node)
         twist = twist + (change + damping[:, [0, 0, 1]] * twist) * (~graph.kinematic)[:, None]

@@ -228,6 +228,12 @@ def in_frame(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) 
     return torch.stack((twist[:, 0] * x + twist[:, 1] * y, twist[:, 1] * x - twist[:, 0] * y, twist[:, 2]), -1)
 
 
+def in_world(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) -> Float[Tensor, "edges 3"]:
+    """A twist in world axes, given in the contact frame of this x-axis."""
+    x, y = normal[:, 0], normal[:, 1]
+    return torch.stack((twist[:, 0] * x - twist[:, 1] * y, twist[:, 0] * y + twist[:, 1] * x, twist[:, 2]), -1)
+
+
 class _Geometry(NamedTuple):
     """Geometry of edges in metres, contact frame; `turn` in metres at LEVER."""
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pushgraph.graph.contact_graph import CLAMP, EDGE_FEATURES, NODE_FEATURES, ContactGraph, in_frame
+from pushgraph.graph.contact_graph import CLAMP, EDGE_FEATURES, NODE_FEATURES, ContactGraph, in_frame, in_world
 
 ESTIMATES = 15
 """Features of an edge that change with the estimates: what is left of three offsets, turn, slack; both twists."""
@@ -58,16 +58,11 @@ class ContactSolver(nn.Module):
             total = torch.zeros_like(node).index_add(0, receiver, hidden * weight.to(hidden.dtype))
             node = node + self.node_update(torch.cat((node, total), -1))
             change = _pushed(force, arms[0], graph.compliance.index_select(0, receiver))
-            change = torch.zeros_like(twist).index_add(0, receiver, _to_world(change, graph.normal))
+            change = torch.zeros_like(twist).index_add(0, receiver, in_world(change, graph.normal))
             damping = self.damping(node).to(twist.dtype)
             damping = torch.cat((damping[:, :1], damping), -1)
             twist = twist + free * (change + damping * twist)
         return twist
-
-
-def _to_world(twist: Tensor, normal: Tensor) -> Tensor:
-    x, y = normal[:, 0], normal[:, 1]
-    return torch.stack((twist[:, 0] * x - twist[:, 1] * y, twist[:, 0] * y + twist[:, 1] * x, twist[:, 2]), -1)
 
 
 def _perpendicular(levers: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ from pushgraph.graph.pieces import mean_motion, move_pieces
 from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN, propnet_graph
 from pushgraph.graph.state import Control, State
 from pushgraph.network.contact_solver import ContactSolver
+from pushgraph.network.joint_projection import hold_joints
 from pushgraph.network.propagation import PropagationNetwork
 
 SLOWEST = 2e-4
@@ -49,7 +50,7 @@ class ContactDynamics(nn.Module):
     def forward(self, state: State, control: Control) -> Float[Tensor, "batch bodies 3"]:
         """See Dynamics."""
         graph = contact_graph(state, control)
-        twist = self.solver(graph) * graph.step[:, None]
+        twist = hold_joints(graph, self.solver(graph)) * graph.step[:, None]
         twist = twist.to(state.poses.dtype) / twist.new_tensor([1.0, 1.0, LEVER])
         batch, bodies = state.poses.shape[:2]
         moving = (~graph.kinematic).nonzero().squeeze(-1)
