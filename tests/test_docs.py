@@ -41,6 +41,11 @@ def test_the_readme_s_commands_run_as_printed(command: str, tmp_path: Path) -> N
     if command.split()[1] in ("simulate", "predict"):
         wanted = {"track.h5", "track.csv", "picture.png"} | ({"animation.gif"} if "none" not in command else set())
         assert {path.name for path in out.iterdir()} == wanted
+    if command.split()[1] == "evaluate":
+        content = json.loads((out / "results.json").read_text())
+        assert (content["suite"], content["protocol"]["seed"]) == ("physics", 1_000_000)
+        assert {row["model"] for row in content["rows"]} == {"still", "propnet", "contact", "noise_floor"}
+        assert (out / "histogram.png").stat().st_size > 10_000
 
 
 def test_the_readme_s_make_targets_and_links_exist() -> None:

@@ -1,13 +1,10 @@
-"""The suite physics: its figures against hand-computed ones, its file, its command."""
-
-import json
+"""The suite physics: its figures against hand-computed ones. README's command is run by the tests of the manual."""
 
 import numpy as np
 import pytest
 import torch
 
 from pushgraph.checkpoint import Checkpoint, save_checkpoint
-from pushgraph.cli import main
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.physics import HORIZONS, evaluate_physics, histogram
 from pushgraph.evaluation.results import Results
@@ -89,30 +86,6 @@ def test_two_workers_measure_the_same(evaluated, models) -> None:
 def test_training_seeds_are_refused(models) -> None:
     with pytest.raises(EvaluationError, match="seed 999999: seeds below 1,000,000 are for training"):
         evaluate_physics([3], 1, 999_999, models)
-
-
-def test_the_command_writes_results_and_the_histogram(models, tmp_path, capsys) -> None:
-    arguments = [
-        "evaluate",
-        "physics",
-        "--count",
-        "1",
-        "--objects",
-        "6",
-        "--out",
-        str(tmp_path / "out"),
-        "--workers",
-        "1",
-    ]
-    with pytest.raises(SystemExit) as stop:
-        main([*arguments, "--contact", models["contact"], "--propnet", models["propnet"]])
-    assert stop.value.code == 0
-    content = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert content["suite"] == "physics"
-    assert content["protocol"]["seed"] == 1_000_000
-    assert {r["objects"] for r in content["rows"]} == {6}
-    assert (tmp_path / "out" / "histogram.png").stat().st_size > 10_000
-    assert "Rollouts, 6 objects" in capsys.readouterr().out
 
 
 def test_statistics_and_their_intervals_by_hand() -> None:

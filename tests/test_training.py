@@ -24,6 +24,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes
 from pushgraph.graph.state import start
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import draw_trajectory, multiple_parts, planar
+from pushgraph.training import physics
 from pushgraph.training.examples import ExampleMaker, mirror, mirror_scenes, withhold
 from pushgraph.training.losses import unrolled_loss
 from pushgraph.training.physics import PhysicsTraining, train_physics
@@ -44,17 +45,22 @@ def data(tmp_path_factory) -> dict[str, str]:
     return paths
 
 
+@pytest.fixture(autouse=True)
+def short_validation(monkeypatch) -> None:
+    monkeypatch.setattr(physics, "VALIDATION_FRAMES", 11)
+
+
 def weights(path: Path) -> dict[str, torch.Tensor]:
     return load_checkpoint(path).dynamics.state_dict()
 
 
 @pytest.mark.parametrize("model", ["contact", "propnet"])
 def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path) -> None:
-    training = PhysicsTraining(model, **data, samples=3200, learning_rate=3e-3, **TINY)
+    training = PhysicsTraining(model, **data, samples=1600, learning_rate=3e-3, **TINY)
     train_physics(training, tmp_path, tmp_path / "out.safetensors")
     checkpoint = load_checkpoint(tmp_path / "out.safetensors")
     record, curve = checkpoint.record, checkpoint.record["curve"]
-    assert record["samples"] == 3200
+    assert record["samples"] == 1600
     assert record["data"]["seed"] == 0
     assert record["training"]["batch"] == 16
     assert min(row["mean_error_cm"] for row in curve) < curve[0]["mean_error_cm"]
@@ -63,16 +69,17 @@ def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path
 
 SCRIPT = """
 import sys, json, pathlib
-from pushgraph.training import loop
+from pushgraph.training import loop, physics
 from pushgraph.training.physics import PhysicsTraining, train_physics
 loop.SAVE_EVERY = 0.0
+physics.VALIDATION_FRAMES = 11
 folder, training = pathlib.Path(sys.argv[1]), PhysicsTraining(**json.loads(sys.argv[2]))
 train_physics(training, folder, folder / "out.safetensors", tell=lambda t, now, loss: print(now.step, flush=True))
 """
 
 
 def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> None:
-    training = PhysicsTraining("contact", **data, samples=32 * 120, **TINY)
+    training = PhysicsTraining("contact", **data, samples=32 * 60, **TINY)
     train_physics(training, tmp_path / "whole", tmp_path / "whole.safetensors")
     command = [sys.executable, "-c", SCRIPT, str(tmp_path), json.dumps(dataclasses.asdict(training))]
     reached = 0
@@ -80,7 +87,7 @@ def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> Non
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         first = int(process.stdout.readline())
         assert first >= reached  # at most the step under way was lost
-        for _ in range(10):
+        for _ in range(6):
             reached = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -130,8 +137,6 @@ def running_with(argument: str) -> list[str]:
 
 
 def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monkeypatch) -> None:
-    from pushgraph.training import physics
-
     broken = lambda network, example: unrolled_loss(network, example) * float("nan")  # noqa: E731
     monkeypatch.setattr(physics, "unrolled_loss", broken)
     with pytest.raises(TrainingError, match=r"step 0: loss nan.*not finite.*failure-step-0-process-0"):
