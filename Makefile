@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 CACHE := $(or $(PUSHGRAPH_CACHE),$(HOME)/.cache/pushgraph)
 DATA := $(CACHE)/data
 WEIGHTS := src/pushgraph/weights
-TRAIN := $(BIN)/pushgraph train physics --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --precision bfloat16
+TRAIN := $(BIN)/pushgraph train physics --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --precision bfloat16 \
+  --processes 1
 
 .PHONY: demo test lint install schema weights weights-contact weights-propnet data clean
 
@@ -32,7 +33,8 @@ schema: install
 	$(BIN)/python -c 'import json; from pushgraph import Scene; print(json.dumps(Scene.model_json_schema(), indent=2))' \
 	  > docs/scene.schema.json
 
-# Every shipped checkpoint from nothing; killed, the same command goes on.
+# Every shipped checkpoint from nothing; killed, the same command goes on. One process each, as they were trained:
+# make -j2 weights trains both side by side.
 weights: weights-contact weights-propnet
 
 data: install

@@ -12,7 +12,7 @@ from pushgraph.body import Joint
 from pushgraph.graph.contact_graph import contact_graph
 from pushgraph.graph.propnet_graph import propnet_graph
 from pushgraph.graph.state import Control, controls
-from pushgraph.network.contact_solver import ContactSolver, _estimates, _perpendicular, _pushed, in_frame, in_world
+from pushgraph.network.contact_solver import ContactSolver, _estimates, _pushed, in_frame, in_world, perpendicular
 from pushgraph.network.dynamics import ContactDynamics, PropnetDynamics
 from pushgraph.network.propagation import PropagationNetwork
 from pushgraph.physics import PhysicsPredictor
@@ -224,7 +224,7 @@ def test_the_contact_solver_worked_edge_by_edge(contact) -> None:
     graph = contact_graph(*small_state(scene, contact))
     solver: ContactSolver = contact.dynamics.solver
     edge, node, twist = solver.edge_encoder(graph.edges), solver.node_encoder(graph.nodes), graph.twist
-    arms = _perpendicular(graph.receiver_levers), _perpendicular(graph.sender_levers)
+    arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
     assert len(graph.nodes) == 4
     for _ in range(solver.steps):
         total, change = torch.zeros_like(node), torch.zeros_like(twist)

@@ -20,7 +20,7 @@ _MODULE_OF = {
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
-    **dict.fromkeys(("PhysicsPredictor",), "pushgraph.physics"),
+    "PhysicsPredictor": "pushgraph.physics",
     "draw_trajectory": "pushgraph.simulation.setups",
     "generate": "pushgraph.dataset.generate",
     "Dataset": "pushgraph.dataset.store",

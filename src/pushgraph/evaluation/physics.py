@@ -14,11 +14,10 @@ from pushgraph.evaluation.noise_floor import CAMERA, simulate_again
 from pushgraph.evaluation.results import Results
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.shape import Cuboid
-from pushgraph.simulation.setups import draw_trajectory
+from pushgraph.simulation.setups import FIRST_TEST_SEED, draw_trajectory
 from pushgraph.track import Track
 
 SETUP = "multiple-parts"
-FIRST_TEST_SEED = 1_000_000
 HORIZONS = (30, 50, 300)
 """Frames of a rollout, its start included; the last may be longer than a trajectory, which then counts whole."""
 DENSITIES = ("all", "dense", "sparse")

@@ -99,12 +99,11 @@ def contact_graph(state: State, control: Control) -> ContactGraph:
     used[first], used[second] = True, True
     slot, place = used.nonzero().squeeze(-1), used.cumsum(0) - 1
     nodes = _nodes(state, control, pieces, step, slot)
-    return _with_edges(state, control, near, nodes, place[first], place[second])
+    return _with_edges(state, near, nodes, place[first], place[second])
 
 
 class _Nodes(NamedTuple):
     features: Tensor
-    scene: Tensor
     step: Tensor
     centre: Tensor
     twist: Tensor
@@ -137,7 +136,6 @@ def _nodes(state: State, control: Control, pieces: Pieces, step: Tensor, slot: T
     twist = control.motion.float()[scene] / step[:, None] * unit
     return _Nodes(
         features=torch.stack(features, -1),
-        scene=scene,
         step=step,
         centre=torch.where(kinematic[:, None], control.pose[scene, :2], pieces.centre[scene, piece]),
         twist=torch.where(kinematic[:, None], twist, 0.0),
@@ -149,9 +147,7 @@ def _nodes(state: State, control: Control, pieces: Pieces, step: Tensor, slot: T
     )
 
 
-def _with_edges(
-    state: State, control: Control, near: Near, nodes: _Nodes, first: Tensor, second: Tensor
-) -> ContactGraph:
+def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: Tensor) -> ContactGraph:
     """The graph with its edges: for two bodies one each way, for the tool only towards the body."""
     geometry = _geometry(state, near, nodes.centre[first], nodes.centre[second])
     mirrored = (near.part < 0).nonzero().squeeze(-1)
@@ -232,6 +228,11 @@ def in_world(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) 
     """A twist in world axes, given in the contact frame of this x-axis."""
     x, y = normal[:, 0], normal[:, 1]
     return torch.stack((twist[:, 0] * x - twist[:, 1] * y, twist[:, 0] * y + twist[:, 1] * x, twist[:, 2]), -1)
+
+
+def perpendicular(vectors: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+    """Vectors turned to the left by a right angle."""
+    return torch.stack((-vectors[..., 1], vectors[..., 0]), -1)
 
 
 class _Geometry(NamedTuple):

@@ -10,7 +10,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pushgraph.graph.contact_graph import CLAMP, EDGE_FEATURES, NODE_FEATURES, ContactGraph, in_frame, in_world
+from pushgraph.graph.contact_graph import (
+    CLAMP,
+    EDGE_FEATURES,
+    NODE_FEATURES,
+    ContactGraph,
+    in_frame,
+    in_world,
+    perpendicular,
+)
 
 ESTIMATES = 15
 """Features of an edge that change with the estimates: what is left of three offsets, turn, slack; both twists."""
@@ -47,7 +55,7 @@ class ContactSolver(nn.Module):
         weight = graph.edges[:, :1]
         free = (~graph.kinematic)[:, None].to(edge.dtype)
         twist = graph.twist
-        arms = _perpendicular(graph.receiver_levers), _perpendicular(graph.sender_levers)
+        arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
         for _ in range(self.steps):
             at_receiver, at_sender = (in_frame(twist.index_select(0, end), graph.normal) for end in (receiver, sender))
             to_receiver, to_sender = self.from_nodes(node).chunk(2, -1)
@@ -63,10 +71,6 @@ class ContactSolver(nn.Module):
             damping = torch.cat((damping[:, :1], damping), -1)
             twist = twist + free * (change + damping * twist)
         return twist
-
-
-def _perpendicular(levers: Tensor) -> Tensor:
-    return torch.stack((-levers[..., 1], levers[..., 0]), -1)
 
 
 def _estimates(graph: ContactGraph, at_receiver: Tensor, at_sender: Tensor, arm: Tensor, sender_arm: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pushgraph.graph.contact_graph import ContactGraph, in_frame, in_world
+from pushgraph.graph.contact_graph import ContactGraph, in_frame, in_world, perpendicular
 from pushgraph.scene import NOMINAL_MASS
 
 ITERATIONS = 10
@@ -22,7 +22,7 @@ def hold_joints(graph: ContactGraph, twist: Float[Tensor, "nodes 3"]) -> Float[T
         return twist
     receiver, sender, normal = graph.receiver[joints], graph.sender[joints], graph.normal[joints]
     axis, revolute, drift, turn = axis[joints], revolute[joints], graph.offsets[joints, 2], graph.turn[joints]
-    arms = [_perpendicular(levers[joints, 2]) for levers in (graph.receiver_levers, graph.sender_levers)]
+    arms = [perpendicular(levers[joints, 2]) for levers in (graph.receiver_levers, graph.sender_levers)]
     weight = 1 / (graph.nodes[:, 0].exp() * NOMINAL_MASS)
     moves = [weight[end] for end in (receiver, sender)]
     turns = [(weight * graph.compliance)[end] for end in (receiver, sender)]
@@ -33,7 +33,7 @@ def hold_joints(graph: ContactGraph, twist: Float[Tensor, "nodes 3"]) -> Float[T
     apart = (moves[0] + moves[1])[:, None, None] * eye
     for arm, ease in zip(arms, turns, strict=True):
         apart = apart + ease[:, None, None] * arm[:, :, None] * arm[:, None, :]
-    across = _perpendicular(axis)
+    across = perpendicular(axis)
     slider = across[:, :, None] * across[:, None, :]
     slider = slider / (across[:, None] @ apart @ across[:, :, None]).clamp(min=1e-9)
     hinge = torch.linalg.inv(apart)
@@ -54,7 +54,3 @@ def hold_joints(graph: ContactGraph, twist: Float[Tensor, "nodes 3"]) -> Float[T
         )
         twist = twist.index_add(0, receiver, in_world(change * share[:, None], normal))
     return twist
-
-
-def _perpendicular(vectors: Tensor) -> Tensor:
-    return torch.stack((-vectors[..., 1], vectors[..., 0]), -1)

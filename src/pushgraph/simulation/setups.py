@@ -22,6 +22,8 @@ from pushgraph.track import Track
 
 PUSHES = 9
 PUSH_DISTANCE = 0.30
+FIRST_TEST_SEED = 1_000_000
+"""Seeds from here on are for tests, smaller ones for training and validation data."""
 PUSH_SPEED = (0.10, 0.30)
 SIZE_MEAN, SIZE_SPREAD, SIZE_RANGE = 0.117, 0.023, (0.08, 0.16)
 MASS = (0.2, 1.0)

@@ -22,6 +22,7 @@ from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import start
 from pushgraph.network.dynamics import KINDS
 from pushgraph.physics import rollout
+from pushgraph.simulation.setups import FIRST_TEST_SEED
 from pushgraph.training.examples import ExampleMaker
 from pushgraph.training.loop import Schedule, train
 from pushgraph.training.losses import unrolled_loss
@@ -32,7 +33,6 @@ VALIDATION_FRAMES = 51
 MOVED = 0.01
 """Objects that move farther than this (m) count in the validation of final errors."""
 NUMBERS = ("mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")
-FIRST_TEST_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class PhysicsTraining:
     data: str
     validation: str
     samples: int = 20_000_000
-    frames: int = 5
-    batch: int = 512
+    frames: int = 10
+    batch: int = 256
     learning_rate: float = 1.5e-3
     hidden: int = 96
     propagation_steps: int = 6

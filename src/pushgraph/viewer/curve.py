@@ -12,7 +12,7 @@ def save_curve(curve: Sequence[Mapping[str, float]], path: str | os.PathLike) ->
     """Draw the rows of a training's curve (see `training.running.Progress`)."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     minutes = [row["seconds"] / 60 for row in curve]
-    panels = (("loss", "loss (steps of the tool)"), ("mean_error_cm", "mean rollout error, 50 frames (cm)"))
+    panels = (("loss", "loss"), ("mean_error_cm", "mean rollout error, 50 frames (cm)"))
     for axes, (name, label) in zip(figure.subplots(1, 2), panels, strict=True):
         axes.plot(minutes, [row[name] for row in curve], marker=".")
         axes.set(xlabel="minutes", ylabel=label, yscale="log")
