@@ -103,11 +103,12 @@ class PhysicsTask:
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Unrolled loss of the step's batch."""
-        torch.manual_seed(hash((self._training.seed, step, self._rank)) % 2**63)
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 1)) % 2**63)
         example = self._examples(self._sampler.batch(step), generator).to(self._device)
         half = self._training.precision == "bfloat16"
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=half):
+        # Dropout draws from torch's own generator; nobody else's draws shall change with it.
+        with torch.random.fork_rng(), torch.autocast(self._device.type, torch.bfloat16, enabled=half):
+            torch.manual_seed(hash((self._training.seed, step, self._rank)) % 2**63)
             return unrolled_loss(network, example)
 
     def validate(self, network: nn.Module) -> Tensor:
@@ -147,8 +148,9 @@ def train_physics(
     running = RunningCheckpoint(training.folder(cache), dataclasses.asdict(training) | {"processes": processes.count})
     with running.locked() if processes.leads else contextlib.nullcontext():
         processes.wait()
-        torch.manual_seed(training.seed)
-        network = KINDS[training.model](**training.config).to(place)
+        with torch.random.fork_rng():
+            torch.manual_seed(training.seed)
+            network = KINDS[training.model](**training.config).to(place)
         if training.start_from:
             network.load_state_dict(load_checkpoint(training.start_from).dynamics.state_dict())
         task = PhysicsTask(training, processes, place)
