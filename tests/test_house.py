@@ -26,6 +26,7 @@ ORDER = [
     "network",
     "checkpoint",
     "physics",
+    "belief",
     "training",
     "evaluation",
     "viewer",

@@ -14,10 +14,10 @@ from torch import Tensor
 
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import PredictionError
+from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import State, controls, start
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.storage import cache_folder, replacing
@@ -64,7 +64,9 @@ class PhysicsPredictor:
         """
         path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
-        return cls(checkpoint.dynamics.to(device).requires_grad_(False), checkpoint.record)
+        if checkpoint.kind not in DYNAMICS:
+            raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
+        return cls(checkpoint.network.to(device).requires_grad_(False), checkpoint.record)
 
     def start(self, scenes: Sequence[Scene]) -> State:
         """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned."""
