@@ -52,7 +52,7 @@ def rewrite(path: Path, edit, rehash: bool = True) -> None:
         (lambda h, t: h.update(format="other"), True, "not a checkpoint of pushgraph"),
         (lambda h, t: h["record"].update(samples=10**9), False, "does not match its hash"),
         (lambda h, t: next(iter(t.values())).add_(1e-3), False, "does not match its hash"),
-        (lambda h, t: h.update(kind="magic"), True, "no predictor 'magic'; valid: propnet, contact"),
+        (lambda h, t: h.update(kind="magic"), True, "no network 'magic'; valid: propnet, contact, belief, paper_recipe"),
         (lambda h, t: h["schema"]["edge_features"].pop(), True, r"other features \(edge_features\)"),
         (lambda h, t: h["config"].update(hidden=9), True, "do not fit its config"),
         (lambda h, t: t.pop(next(iter(t))), True, "do not fit its config"),

@@ -48,7 +48,10 @@ class BeliefTraining(Training):
 
 
 class Answers(NamedTuple):
-    """Log-odds after every frame of windows, for the pairs that ever had memory, and from when on they had it."""
+    """Log-odds after every frame of windows, for the pairs that ever had memory, and from when on they had it.
+
+    restless: mean squared change of the memory of pairs, summed over its numbers.
+    """
 
     rows: Rows
     log_odds: Float[Tensor, "frames rows joints"]
@@ -57,7 +60,7 @@ class Answers(NamedTuple):
 
 
 def answers(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Answers:
-    """Watch windows and answer after every frame. restless: mean squared change of the memory of pairs, summed over its numbers."""
+    """Watch windows and answer after every frame."""
     rows, active, memories = watch_windows(network, dynamics, seen.scenes, seen.poses, seen.tool, seen.down, seen.seen)
     log_odds = torch.stack([network.answer(memory, rows) for memory in memories])
     relations = torch.stack([memory.relations for memory in memories])
