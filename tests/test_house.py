@@ -27,6 +27,7 @@ ORDER = [
     "checkpoint",
     "physics",
     "belief",
+    "regulator",
     "training",
     "evaluation",
     "viewer",

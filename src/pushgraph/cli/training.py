@@ -78,7 +78,7 @@ def belief(
     model: Annotated[str, typer.Option(help="belief (ours) or paper_recipe.")] = "belief",
     samples: Annotated[int, typer.Option(min=1, help="Observed frames of sequences, all in all.")] = 10_000_000,
     frames: Annotated[int, typer.Option(min=2, help="Frames observed in a row.")] = 200,
-    batch: Annotated[int, typer.Option(min=1, help="Sequences in a step, over all processes.")] = 32,
+    batch: Annotated[int, typer.Option(min=1, help="Sequences in a step, over all processes.")] = 16,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the memory.")] = 64,
     precision: Annotated[str, typer.Option(help="float32 or bfloat16.")] = "float32",

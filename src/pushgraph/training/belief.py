@@ -30,7 +30,7 @@ SMOOTH = 1e-6
 """Weight of the squared change of memories from frame to frame (the same section)."""
 VALIDATED = (20, 40, 100, 200)
 """Observed frames after which a validation looks at the answers."""
-VALIDATION_SCENES, VALIDATION_FRAMES = 100, 200
+VALIDATION_SCENES, VALIDATION_FRAMES = 50, 200
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class BeliefTraining(Training):
 
     TASK: ClassVar[str] = "belief"
     MODELS: ClassVar[Mapping[str, type[nn.Module]]] = BELIEFS
+    VALIDATIONS: ClassVar[int] = 12
 
     samples: int = 10_000_000
     frames: int = 200
-    batch: int = 32
+    batch: int = 16
     learning_rate: float = 2e-3
     hidden: int = 64
 

@@ -42,7 +42,9 @@ def conduct(
         if training.start_from:
             network.load_state_dict(load_checkpoint(training.start_from).network.state_dict())
         task = make_task(training, processes, place)
-        schedule = Schedule(training.steps, training.learning_rate, amsgrad=training.model == "propnet")
+        schedule = Schedule(
+            training.steps, training.learning_rate, training.VALIDATIONS, amsgrad=training.model == "propnet"
+        )
         now = train(network, task, schedule, running, processes, tell)
         processes.leave()
         if not processes.leads:

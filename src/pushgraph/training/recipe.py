@@ -19,6 +19,7 @@ class Training:
 
     TASK: ClassVar[str]
     MODELS: ClassVar[Mapping[str, type[nn.Module]]]
+    VALIDATIONS: ClassVar[int] = 20
 
     model: str
     data: str
