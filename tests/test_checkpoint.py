@@ -20,7 +20,9 @@ CONFIG = {"hidden": 8, "steps": 2}
 @pytest.fixture(params=["contact", "propnet"])
 def saved(request, tmp_path) -> tuple[Checkpoint, Path]:
     torch.manual_seed(3)
-    made = Checkpoint(request.param, CONFIG, DYNAMICS[request.param](**CONFIG), {"samples": 5, "curve": [{"loss": 0.5}]})
+    made = Checkpoint(
+        request.param, CONFIG, DYNAMICS[request.param](**CONFIG), {"samples": 5, "curve": [{"loss": 0.5}]}
+    )
     save_checkpoint(made, tmp_path / "a.safetensors")
     return made, tmp_path / "a.safetensors"
 
@@ -52,7 +54,11 @@ def rewrite(path: Path, edit, rehash: bool = True) -> None:
         (lambda h, t: h.update(format="other"), True, "not a checkpoint of pushgraph"),
         (lambda h, t: h["record"].update(samples=10**9), False, "does not match its hash"),
         (lambda h, t: next(iter(t.values())).add_(1e-3), False, "does not match its hash"),
-        (lambda h, t: h.update(kind="magic"), True, "no network 'magic'; valid: propnet, contact, belief, paper_recipe"),
+        (
+            lambda h, t: h.update(kind="magic"),
+            True,
+            "no network 'magic'; valid: propnet, contact, belief, paper_recipe",
+        ),
         (lambda h, t: h["schema"]["edge_features"].pop(), True, r"other features \(edge_features\)"),
         (lambda h, t: h["config"].update(hidden=9), True, "do not fit its config"),
         (lambda h, t: t.pop(next(iter(t))), True, "do not fit its config"),

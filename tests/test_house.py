@@ -28,6 +28,7 @@ ORDER = [
     "physics",
     "belief",
     "regulator",
+    "belief_history",
     "training",
     "evaluation",
     "viewer",

@@ -73,7 +73,7 @@ from pushgraph.training.physics import PhysicsTraining, train_physics
 loop.SAVE_EVERY = 0.0
 physics.VALIDATION_FRAMES = 11
 folder, training = pathlib.Path(sys.argv[1]), PhysicsTraining(**json.loads(sys.argv[2]))
-train_physics(training, folder, folder / "out.safetensors", tell=lambda t, now, loss: print(now.step, flush=True))
+train_physics(training, folder, folder / "out.safetensors", tell=lambda now, loss: print(now.step, flush=True))
 """
 
 

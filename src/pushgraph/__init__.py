@@ -23,6 +23,7 @@ _MODULE_OF = {
     "PhysicsPredictor": "pushgraph.physics",
     "BeliefModel": "pushgraph.belief",
     "BeliefRegulator": "pushgraph.regulator",
+    "BeliefHistory": "pushgraph.belief_history",
     "draw_trajectory": "pushgraph.simulation.setups",
     "generate": "pushgraph.dataset.generate",
     "Dataset": "pushgraph.dataset.store",

@@ -1,5 +1,6 @@
 """Watch one scene frame by frame, and say what is joined to what."""
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -151,7 +152,8 @@ class BeliefRegulator:
             )
             anchor, axis = pose.transform(poses[a], anchor_a), pose.rotate(axis_a, poses[a, 2])
             if kind == "revolute":
-                used = float(wrap_angle(poses[b, 2] - poses[a, 2] - float(relations.yaw_offset[0, pair])))
+                turned = poses[b, 2] - poses[a, 2] - float(relations.yaw_offset[0, pair])
+                used = math.remainder(turned, math.tau)
             else:
                 used = float((pose.transform(poses[b], anchor_b) - anchor) @ axis)
             room_left = (min(float(limits[0]) - used, -LEAST_ROOM), max(float(limits[1]) - used, LEAST_ROOM))
@@ -178,7 +180,7 @@ def _parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndar
     for _ in range(PARTING_ROUNDS):
         between = torch.from_numpy(pose.relative(poses[first], poses[second]))
         touch = contact_between(take(boxes, torch.from_numpy(first)), take(boxes, torch.from_numpy(second)), between)
-        deep = np.maximum(-touch.gap.numpy() - OVERLAP / 2, 0)
+        deep = np.maximum(-touch.gap.numpy() - 0.9 * OVERLAP, 0)
         if deep.max() == 0:
             break
         give = pose.rotate(touch.normal.numpy(), poses[first, 2]) * (deep / 2)[:, None]

@@ -19,6 +19,8 @@ from pushgraph.storage import replacing, replacing_hdf5
 
 FRAME = 0.05
 """Seconds from one frame to the next."""
+ON_TIME = 1e-6
+"""Times this near to each other (s) are the same."""
 LIFTED = -1
 """Stands for the push while the tool is lifted."""
 FORMAT = "pushgraph.track"
@@ -107,6 +109,37 @@ class Track:
             if len(edges):
                 lost[name] = [(float(self.times[a]), float(self.times[b - 1])) for a, b in edges]
         return lost
+
+    def at_frames(self) -> "Track":
+        """The same track in frames of 0.05 s, from its first time on; itself if it is so already.
+
+        Poses between two sightings are interpolated if they are no farther apart than one and a half of the track's
+        own interval, or of two frames; else the node was not seen. Yaws turn the shorter way.
+        """
+        count = round((self.times[-1] - self.times[0]) / FRAME) + 1
+        times = self.times[0] + np.arange(count) * FRAME
+        if len(times) == len(self.times) and np.abs(times - self.times).max() < ON_TIME:
+            return self
+        times = times[times <= self.times[-1] + ON_TIME]
+        bridged = 1.5 * max(float(np.median(np.diff(self.times))), 2 * FRAME)
+        poses = np.full((len(times), *self.poses.shape[1:]), np.nan)
+        seen = np.zeros(poses.shape[:2], dtype=bool)
+        for node in range(poses.shape[1]):
+            sighted = np.flatnonzero(self.seen[:, node])
+            if not len(sighted):
+                continue
+            at = self.times[sighted]
+            after = np.searchsorted(at, times - ON_TIME).clip(max=len(at) - 1)
+            before = (np.searchsorted(at, times + ON_TIME) - 1).clip(min=0)
+            seen[:, node] = (
+                (at[before] <= times + ON_TIME) & (at[after] >= times - ON_TIME) & (at[after] - at[before] <= bridged)
+            )
+            values = self.poses[sighted, node].copy()
+            values[:, 2] = np.unwrap(values[:, 2])
+            poses[:, node] = np.stack([np.interp(times, at, column) for column in values.T], -1)
+        last = (np.searchsorted(self.times, times + ON_TIME) - 1).clip(min=0)
+        poses[~seen] = np.nan
+        return Track(self.scene, times, poses, self.push[last], seen)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""

@@ -15,7 +15,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (scenes.demo, scenes.predict, scenes.simulate, data.generate):
+for command in (scenes.demo, scenes.predict, scenes.observe, scenes.simulate, data.generate):
     app.command()(command)
 app.add_typer(training.app, name="train")
 app.add_typer(evaluating.app, name="evaluate")

@@ -6,11 +6,17 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from rich.live import Live
 from rich.table import Table
 
 from pushgraph.cli.output import console
 from pushgraph.errors import SceneError
+from pushgraph.storage import replacing
 
+FRAMES_PER_REFRESH = 10
+"""Of the live table."""
+SHOWN, LEAST_ROWS = 0.05, 3
+"""The table of beliefs shows pairs that are joined with at least this probability, and at least so many."""
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
@@ -45,7 +51,10 @@ def demo(
 def predict(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
-    relations: Annotated[str, typer.Option(help="given, or none: as if nothing were joined.")] = "given",
+    relations: Annotated[
+        str, typer.Option(help="given; none: as if nothing were joined; believed: those of --beliefs.")
+    ] = "given",
+    beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
     masses: Annotated[str, typer.Option(help="given, or mean: as if no mass were known.")] = "given",
     model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
@@ -57,21 +66,96 @@ def predict(
     `pushgraph predict scene.json --out result`
 
     `pushgraph predict demo --relations none --masses mean --animation none`
+
+    `pushgraph predict scene.json --relations believed --beliefs observed/beliefs.json`
     """
+    from pushgraph.belief_history import BeliefHistory
     from pushgraph.physics import PhysicsPredictor
 
-    for name, value, valid in (("relations", relations, ("given", "none")), ("masses", masses, ("given", "mean"))):
+    for name, value, valid in (
+        ("relations", relations, ("given", "none", "believed")),
+        ("masses", masses, ("given", "mean")),
+    ):
         if value not in valid:
             raise typer.BadParameter(f"{value!r}; valid: {', '.join(valid)}", param_hint=f"--{name}")
+    if (relations == "believed") != (beliefs is not None):
+        raise typer.BadParameter("needs --beliefs, and --beliefs needs it", param_hint="--relations believed")
     _check_animation_option(animation)
     given = _load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
+    if relations == "believed":
+        given = BeliefHistory.load(beliefs).apply_to(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         track = PhysicsPredictor.load(model).predict(given)
     _write_track(track, out or Path(Path(scene).stem), animation)
+
+
+def observe(
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
+    track: Annotated[Path, typer.Argument(help="What was seen: HDF5, or CSV with time,node,x,y,yaw,push.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("observed"),
+    relations: Annotated[
+        str, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
+    ] = "none",
+    model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",
+) -> None:
+    """Watch a track and learn what is joined to what: a live table, beliefs over time (JSON, picture), the scene.
+
+    The scene is written as it was in the end, with the likeliest joints, ready for pushes and prediction.
+
+    Examples:
+
+    `pushgraph observe scene.json track.csv --out observed`
+
+    `pushgraph predict scene.json --relations believed --beliefs observed/beliefs.json`
+    """
+    from pushgraph.belief_history import BeliefHistory
+    from pushgraph.track import Track
+    from pushgraph.viewer.beliefs import save_beliefs
+
+    if relations not in ("none", "given"):
+        raise typer.BadParameter(f"{relations!r}; valid: none, given", param_hint="--relations")
+    loaded = _load_scene(scene)
+    seen = Track.load(track, loaded)
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+
+        def show(frame: int, regulator) -> None:
+            if frame % FRAMES_PER_REFRESH == 0:
+                title = f"Likeliest joints after {regulator.frames} frames"
+                live.update(_joints_table(title, regulator.pairs, regulator.probabilities), refresh=True)
+
+        history = BeliefHistory.watch(loaded, seen, model, relations == "given", show)
+    outputs = [out / "beliefs.json", out / "beliefs.png", out / "scene.json"]
+    history.save(outputs[0])
+    save_beliefs(history.pairs, history.times, history.probabilities, outputs[1])
+    with replacing(outputs[2]) as temporary:
+        temporary.write_text(history.scene.to_json())
+    title = f"Likeliest joints after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
+    console.print(_joints_table(title, history.pairs, history.probabilities[-1]))
+    for name, stretches in history.lost.items():
+        told = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches)
+        console.print(f"{name} was not seen from {told}.", markup=False)
+    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+
+
+def _joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
+    """Pairs that may be joined, and how many others surely are not."""
+    from pushgraph.graph.scene_batch import JOINT_CODES
+
+    table = Table(title=title)
+    for name in ("pair", "likeliest", *JOINT_CODES):
+        table.add_column(name, justify="left" if name in ("pair", "likeliest") else "right")
+    kinds = list(JOINT_CODES)
+    joined = 1 - probabilities[:, JOINT_CODES["none"]]
+    order = np.argsort(-joined, kind="stable")[: max(LEAST_ROWS, int((joined > SHOWN).sum()))]
+    for pair in order.tolist():
+        row = probabilities[pair]
+        table.add_row(" - ".join(pairs[pair]), kinds[row.argmax()], *(f"{value:.3f}" for value in row))
+    table.caption = f"{len(pairs) - len(order)} more pairs are less likely joined than these"
+    return table
 
 
 def simulate(

@@ -1,0 +1,139 @@
+"""Beliefs over time, as `pushgraph observe` writes them and `pushgraph predict --relations believed` reads them."""
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from pushgraph import pose
+from pushgraph.belief import BeliefModel
+from pushgraph.body import Joint
+from pushgraph.errors import BeliefError, PushGraphError
+from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.regulator import LEAST_ROOM, BeliefRegulator
+from pushgraph.scene import Scene
+from pushgraph.storage import replacing
+from pushgraph.track import Track
+
+FORMAT = "pushgraph.beliefs"
+VERSION = 1
+DIGITS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefHistory:
+    """What was believed of every pair after every observed frame.
+
+    times: seconds. probabilities: columns in the order of JOINT_CODES. lost: for every node that was lost, when (first
+    and last time, s). scene: as it was believed to be in the end, ready for prediction; see `BeliefRegulator.scene`.
+    """
+
+    pairs: Sequence[tuple[str, str]]
+    times: Float[np.ndarray, " frames"]
+    probabilities: Float[np.ndarray, "frames pairs joints"]
+    lost: Mapping[str, Sequence[tuple[float, float]]]
+    scene: Scene
+
+    @classmethod
+    def watch(
+        cls,
+        scene: Scene,
+        track: Track,
+        model: BeliefModel | str = "belief",
+        given: bool = False,
+        progress: Callable[[int, BeliefRegulator], None] = lambda frame, regulator: None,
+    ) -> "BeliefHistory":
+        """Watch a whole track, brought to frames of 0.05 s; `progress` is called after every frame."""
+        frames = track.at_frames()
+        regulator = BeliefRegulator(scene, model, given)
+        probabilities = []
+        poses = np.where(frames.seen[..., None], frames.poses, np.nan)
+        for frame, (of_nodes, down) in enumerate(zip(poses, frames.down.tolist(), strict=True)):
+            probabilities.append(regulator.observe(of_nodes, down))
+            progress(frame, regulator)
+        return cls(regulator.pairs, frames.times, np.stack(probabilities), frames.gaps, regulator.scene())
+
+    @property
+    def likeliest(self) -> dict[tuple[str, str], str]:
+        """The likeliest joint of every pair in the end."""
+        kinds = list(JOINT_CODES)
+        return {pair: kinds[row.argmax()] for pair, row in zip(self.pairs, self.probabilities[-1], strict=True)}
+
+    def apply_to(self, scene: Scene) -> Scene:
+        """Another moment of the scene with the joints that are believed in the end, and no others.
+
+        Joints keep their place in their parent. Raises BeliefError if the scene has other bodies.
+        """
+        if scene.names != self.scene.names:
+            raise BeliefError(
+                f"these beliefs are about {', '.join(self.scene.names)}; the scene has {', '.join(scene.names)}"
+            )
+        old, new = self.scene.poses_world_from_body, scene.poses_world_from_body
+        joints = tuple(_carried(joint, scene.names, old, new) for joint in self.scene.joints)
+        return scene.replace(joints=joints, unknown_pairs=())
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write JSON."""
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "joints": list(JOINT_CODES),
+            "pairs": [list(pair) for pair in self.pairs],
+            "times": np.round(self.times, DIGITS).tolist(),
+            "probabilities": np.round(self.probabilities, DIGITS).tolist(),
+            "lost": {name: [list(stretch) for stretch in stretches] for name, stretches in self.lost.items()},
+            "scene": json.loads(self.scene.to_json()),
+        }
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(content))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> "BeliefHistory":
+        """Read JSON; raises BeliefError if it is not what `save` writes."""
+        try:
+            content = json.loads(Path(path).read_bytes())
+        except (OSError, ValueError) as error:
+            raise BeliefError(f"{path}: cannot read these beliefs, the file may be truncated: {error}") from None
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise BeliefError(f'{path}: not beliefs: "format" must be "{FORMAT}"; pushgraph observe writes them')
+        if content.get("version") != VERSION:
+            raise BeliefError(f"{path}: version {content.get('version')} of beliefs; this pushgraph reads {VERSION}")
+        try:
+            probabilities = np.array(content["probabilities"], dtype=float)
+            pairs, times = [(a, b) for a, b in content["pairs"]], np.array(content["times"], dtype=float)
+            scene = Scene.from_json(json.dumps(content["scene"]), f"{path}: scene")
+            lost = {name: [(a, b) for a, b in stretches] for name, stretches in content["lost"].items()}
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            raise BeliefError(f"{path}: these beliefs are damaged: {error!r}") from None
+        except PushGraphError as error:
+            raise BeliefError(str(error)) from None
+        if probabilities.shape != (len(times), len(pairs), len(JOINT_CODES)) or not np.isfinite(probabilities).all():
+            raise BeliefError(
+                f"{path}: probabilities: must be finite numbers of shape {(len(times), len(pairs), len(JOINT_CODES))}, "
+                f"got {probabilities.shape}"
+            )
+        return cls(pairs, times, probabilities, lost, scene)
+
+
+def _carried(joint: Joint, names: Sequence[str], old: np.ndarray, new: np.ndarray) -> Joint:
+    """The joint where its parent is now; its limits count from how the two stand now."""
+    parent, child = names.index(joint.parent), names.index(joint.child)
+    anchor = pose.transform(new[parent], pose.transform(pose.inverse(old[parent]), np.array(joint.anchor)))
+    turned = new[parent, 2] - old[parent, 2]
+    axis = None if joint.axis is None else pose.rotate(np.array(joint.axis), turned)
+    limits = joint.limits
+    if joint.kind == "revolute":
+        used = math.remainder((new[child, 2] - new[parent, 2]) - (old[child, 2] - old[parent, 2]), math.tau)
+    elif joint.kind == "prismatic":
+        apart = [pose.relative(poses[parent], poses[child])[:2] for poses in (old, new)]
+        used = float(pose.rotate(apart[1] - apart[0], new[parent, 2]) @ axis)
+    if limits is not None:
+        limits = (min(limits[0] - float(used), -LEAST_ROOM), max(limits[1] - float(used), LEAST_ROOM))
+    return joint.replace(
+        anchor=tuple(anchor.tolist()), axis=None if axis is None else tuple(axis.tolist()), limits=limits
+    )

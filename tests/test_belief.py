@@ -1,0 +1,537 @@
+"""Belief: evidence worked by hand, symmetries, one frame at a time against whole windows, and what is refused."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from scenes import body, workshop
+from typer.testing import CliRunner
+
+from pushgraph import cli, pose
+from pushgraph.belief import BeliefModel, complete, watch_windows
+from pushgraph.belief_history import BeliefHistory
+from pushgraph.body import Joint
+from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
+from pushgraph.errors import BeliefError, CheckpointError
+from pushgraph.graph.believed import believe
+from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
+from pushgraph.graph.pair_evidence import FEATURES, FINE, pair_evidence
+from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
+from pushgraph.graph.state import start
+from pushgraph.network.belief_network import BELIEFS, Rows
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.regulator import BeliefRegulator
+from pushgraph.scene import Scene
+from pushgraph.shape import Cuboid
+from pushgraph.simulation.planar import simulate
+from pushgraph.simulation.setups import draw_trajectory
+from pushgraph.tool import Push
+
+KINDS = list(JOINT_CODES)
+
+
+def untrained(name: str = "belief", seed: int = 0) -> BeliefModel:
+    """A belief that knows nothing yet, on the shipped physics; its answers still depend on what it sees."""
+    dynamics = load_checkpoint(shipped(BELIEFS[name].PHYSICS)).network
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        network = BELIEFS[name](hidden=16, latents=96 if name == "belief" else 256)
+    return BeliefModel(network.eval().requires_grad_(False), dynamics.requires_grad_(False))
+
+
+@pytest.fixture(scope="module", params=["belief", "paper_recipe"])
+def model(request) -> BeliefModel:
+    return untrained(request.param)
+
+
+@pytest.fixture(scope="module")
+def ours() -> BeliefModel:
+    return untrained()
+
+
+@pytest.fixture(scope="module")
+def tracks():
+    return [draw_trajectory("multiple-parts", number, 5, k).track for k, number in enumerate((5, 4, 5))]
+
+
+def arrays(tracks, frames: int):
+    """Batched arrays of the first frames of tracks, padded to the widest."""
+    scenes = unaware(batch_scenes([track.scene for track in tracks]))
+    room = scenes.mass.shape[1]
+    bodies = np.zeros((len(tracks), frames, room, 3))
+    seen = np.zeros(bodies.shape[:3], dtype=bool)
+    for k, track in enumerate(tracks):
+        n = len(track.scene.bodies)
+        bodies[k, :, :n], seen[k, :, :n] = track.poses[:frames, 1:], True
+    tool = np.stack([track.poses[:frames, 0] for track in tracks])
+    down = np.stack([track.down[:frames] for track in tracks])
+    return scenes, *(torch.from_numpy(array) for array in (bodies, tool, down, seen))
+
+
+def observed(model, scenes, bodies, tool, down, seen) -> torch.Tensor:
+    """Probabilities after every frame, one at a time."""
+    watch = model.begin(scenes, bodies[:, 0], tool[:, 0], down[:, 0], seen[:, 0])
+    answers = [model.probabilities(watch)]
+    for k in range(1, bodies.shape[1]):
+        watch = model.observe(watch, bodies[:, k], tool[:, k], down[:, k], seen[:, k])
+        answers.append(model.probabilities(watch))
+    return torch.stack(answers)
+
+
+def test_one_frame_at_a_time_gives_the_numbers_of_whole_windows(model, tracks) -> None:
+    scenes, bodies, tool, down, seen = arrays(tracks, 40)
+    generator = torch.Generator().manual_seed(0)
+    bodies += torch.randn(bodies.shape, generator=generator, dtype=bodies.dtype) * 5e-4
+    seen[0, 10:17, 2] = seen[2, 30:, 0] = False
+    single = observed(model, scenes, bodies, tool, down, seen)
+    rows, _, memories = watch_windows(model.network, model.dynamics, scenes, bodies, tool, down, seen)
+    for frame in (0, 9, 12, 20, 39):
+        answers = model.network.answer(memories[frame], rows).softmax(-1)
+        begun = torch.stack([memory.relations.abs().sum((1, 2)) > 0 for memory in memories[: frame + 1]]).any(0)
+        expected = single[frame][rows.scene, rows.pair]
+        torch.testing.assert_close(answers[begun], expected[begun], atol=1e-5, rtol=1e-4)
+    assert single[-1].std(0).max() > 1e-4  # scenes differ
+
+
+def test_scenes_side_by_side_do_not_change_each_other(model, tracks) -> None:
+    together = observed(model, *arrays(tracks, 20))[-1]
+    alone = observed(model, *arrays(tracks[1:2], 20))[-1, 0]
+    few, room = len(tracks[1].scene.bodies), 5
+    a, b = pairs_of(few)
+    torch.testing.assert_close(together[1, pair_index(a, b, room)], alone, atol=1e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("motion", [(10.0, -3.0, 0.0), (0.0, 0.0, 2.0), (-4.0, 8.0, -1.0)])
+def test_moving_and_turning_the_scene_changes_nothing(ours, tracks, motion) -> None:
+    scenes, bodies, tool, down, seen = arrays(tracks, 25)
+    before = observed(ours, scenes, bodies, tool, down, seen)
+    moved = [pose.compose(torch.tensor(motion, dtype=torch.float64), poses) for poses in (bodies, tool)]
+    after = observed(ours, scenes, *moved, down, seen)
+    torch.testing.assert_close(after, before, atol=1e-5, rtol=1e-4)
+
+
+def test_the_order_of_bodies_changes_nothing(model, tracks) -> None:
+    track = tracks[0]
+    order = [3, 0, 4, 2, 1]
+    scenes, bodies, tool, down, seen = arrays([track], 25)
+    before = observed(model, scenes, bodies, tool, down, seen)[-1, 0]
+    swapped = track.scene.replace(bodies=tuple(track.scene.bodies[k] for k in order))
+    after = observed(model, unaware(batch_scenes([swapped])), bodies[:, :, order], tool, down, seen)[-1, 0]
+    a, b = pairs_of(5)
+    place = {old: new for new, old in enumerate(order)}
+    other = [pair_index(*sorted((place[int(i)], place[int(j)])), 5) for i, j in zip(a, b, strict=True)]
+    torch.testing.assert_close(after[other], before, atol=1e-5, rtol=1e-4)
+
+
+def test_memory_does_not_grow(ours, tracks) -> None:
+    scenes, bodies, tool, down, seen = arrays(tracks[:1], 30)
+    watch = ours.begin(scenes, bodies[:, 0], tool[:, 0], down[:, 0], seen[:, 0])
+    begun = [tensor.shape for tensor in _leaves(watch)]
+    for k in range(1, 30):
+        watch = ours.observe(watch, bodies[:, k], tool[:, k], down[:, k], seen[:, k])
+    assert [tensor.shape for tensor in _leaves(watch)] == begun
+
+
+def _leaves(batch) -> list[torch.Tensor]:
+    return [batch] if isinstance(batch, torch.Tensor) else [leaf for part in batch for leaf in _leaves(part)]
+
+
+def evidence(scene: Scene, moved: list[tuple[float, float, float]]) -> dict[str, list[float]]:
+    """Features of the first pair of a scene whose bodies went to other poses in one frame; both directions."""
+    batch = unaware(batch_scenes([scene]))
+    poses = torch.tensor(scene.poses_world_from_body[None])
+    before = start(batch, poses)
+    after = before.observe(torch.tensor([moved], dtype=torch.float64))
+    no, yes = torch.zeros_like(before.relations.known), torch.ones_like(before.relations.known)
+    told = pair_evidence(before, after, torch.zeros_like(poses), poses, yes, no, torch.tensor([True]))
+    return dict(zip(FEATURES, told[0, 0].T.tolist(), strict=True))
+
+
+def test_evidence_of_a_hinge_by_hand() -> None:
+    # Two discs of 12 cm that touch at (0.06, 0); the right one swings by 0.1 about that point.
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.12, 0.0)))
+    swung = (0.06 + 0.06 * math.cos(0.1), 0.06 * math.sin(0.1), 0.1)
+    told = evidence(scene, [(0.0, 0.0, 0.0), swung])
+    for end in "xy":
+        np.testing.assert_allclose(told[f"drift_{end}"], 0, atol=1e-3)
+    np.testing.assert_allclose(told["turn"], np.arcsinh(np.array([0.1, -0.1]) * 0.05 / FINE), rtol=1e-5)
+    np.testing.assert_allclose(told["sender_travel"][0], np.arcsinh(2 * 0.06 * math.sin(0.05) / FINE), rtol=1e-5)
+    np.testing.assert_allclose(told["receiver_travel"][0], 0, atol=1e-6)
+    np.testing.assert_allclose(told["receiver_anchor_x"], 0.06 / 0.05, rtol=1e-5)
+    np.testing.assert_allclose(told["sender_anchor_x"], -0.06 / 0.05, rtol=1e-5)
+
+
+def test_evidence_of_a_slider_by_hand() -> None:
+    # Turned by 90 degrees, so that world and pair axes differ; the upper disc moves up by 1 cm and left by 2 mm.
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.0, 0.12)))
+    told = evidence(scene, [(0.0, 0.0, 0.0), (-0.002, 0.13, 0.0)])
+    # Away from each other is along for both; what is left of the one's axis is left of the other's, too.
+    np.testing.assert_allclose(told["drift_x"], np.arcsinh([10, 10]), rtol=1e-4)
+    np.testing.assert_allclose(told["drift_y"], np.arcsinh([2, 2]), rtol=1e-4)
+    np.testing.assert_allclose(told["drifting_x"], told["drift_x"], rtol=1e-5)
+    np.testing.assert_allclose(told["turn"], 0, atol=1e-6)
+    np.testing.assert_allclose(told["sender_motion_x"], np.arcsinh([10, 0]), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(told["receiver_motion_x"], np.arcsinh([0, -10]), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(told["stretch"], np.arcsinh((math.hypot(0.13, 0.002) - 0.12) / FINE), rtol=1e-4)
+
+
+def test_a_rigid_motion_of_both_shows_no_drift() -> None:
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.05, 0.125, Cuboid(size=(0.1, 0.1)), yaw=0.4)))
+    motion = np.array([0.3, -0.2, 0.7])
+    told = evidence(scene, pose.compose(motion, scene.poses_world_from_body).tolist())
+    for name in ("drift_x", "drift_y", "turn", "stretch", "drifting_x", "drifting_y", "turning"):
+        np.testing.assert_allclose(told[name], 0, atol=1e-4)
+
+
+def test_truth_is_closed_over_rigid_pieces_and_touched_pairs_are_adjacent_ones_that_moved() -> None:
+    scene = Scene(
+        bodies=tuple(body(name, 0.125 * k, 0.0) for k, name in enumerate("abcd")),
+        joints=(
+            Joint(kind="fixed", parent="a", child="b"),
+            Joint(kind="fixed", parent="b", child="c"),
+            Joint(kind="revolute", parent="c", child="d"),
+        ),
+    )
+    batch = batch_scenes([scene])
+    kinds = [KINDS[k] for k in true_joints(batch)[0].tolist()]
+    assert kinds == ["fixed", "fixed", "none", "fixed", "none", "revolute"]  # ab ac ad bc bd cd
+    poses = torch.tensor(scene.poses_world_from_body)[None, None].repeat(1, 3, 1, 1)
+    adjacent = adjacent_pairs(batch, poses[:, 0])
+    assert adjacent[0].tolist() == [True, False, False, True, False, True]
+    poses[0, 1, 0, 1] += 0.03  # a is pushed, and comes back
+    touched = touched_pairs(adjacent, poses)
+    assert touched[0].int().tolist() == [[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]
+
+
+def test_known_pairs_strangers_and_chains_complete_the_probabilities() -> None:
+    scene = Scene(
+        bodies=tuple(body(name, 0.3 * k, 0.0) for k, name in enumerate("abcd")),
+        joints=(Joint(kind="fixed", parent="a", child="b"),),
+        unknown_pairs=(("b", "c"), ("a", "c"), ("c", "d")),
+    )
+    batch = batch_scenes([scene])
+    chosen = torch.zeros(1, 6, dtype=torch.bool)
+    chosen[0, pair_index(1, 2, 4)] = True
+    answers = torch.tensor([[0.1, 0.8, 0.06, 0.04]])
+    done = complete(batch, answers, Rows.of(chosen, 4))[0]
+    pair = {
+        names: done[pair_index(*("abcd".index(name) for name in names), 4)] for names in ("ab", "ac", "ad", "bc", "cd")
+    }
+    assert pair["ab"].tolist() == [0, 1, 0, 0]
+    torch.testing.assert_close(pair["bc"], answers[0])
+    assert pair["ad"].tolist() == [1, 0, 0, 0]
+    assert float(pair["ac"][1]) == pytest.approx(0.8)  # over b
+    assert float(pair["cd"][0]) == pytest.approx(0.999)
+    torch.testing.assert_close(done.sum(-1), torch.ones(6))
+
+
+def test_believed_joints_sit_where_a_scene_puts_them() -> None:
+    joints = (
+        Joint(kind="revolute", parent="a", child="b"),
+        Joint(kind="prismatic", parent="b", child="c"),
+        Joint(kind="fixed", parent="c", child="d"),
+    )
+    shape = Cuboid(size=(0.1, 0.08))
+    scene = Scene(
+        bodies=(
+            body("a", 0.0, 0.0),
+            body("b", 0.13, 0.01, shape, yaw=0.2),
+            body("c", 0.14, 0.13, yaw=-0.3),
+            body("d", 0.02, 0.135, yaw=1.0),
+        ),
+        joints=joints,
+    )
+    given = batch_scenes([scene])
+    state = start(unaware(given), torch.tensor(scene.poses_world_from_body[None]))
+    believed = believe(state, given.relations.kind).relations
+    joined = given.relations.kind > 0
+    for name in ("kind", "known", "anchor_a", "anchor_b", "yaw_offset", "limits"):
+        torch.testing.assert_close(
+            getattr(believed, name)[joined], getattr(given.relations, name)[joined], atol=1e-6, rtol=0
+        )
+    slider = given.relations.kind == JOINT_CODES["prismatic"]
+    torch.testing.assert_close(believed.axis[slider], given.relations.axis[slider], atol=1e-6, rtol=0)
+
+
+def test_what_was_seen_moves_a_believed_joint() -> None:
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0)))
+    state = start(unaware(batch_scenes([scene])), torch.tensor(scene.poses_world_from_body[None]))
+    # Slides sideways, not along the line of centres.
+    slid = state.observe(torch.tensor([[[0.0, 0.0, 0.0], [0.125, 0.05, 0.0]]], dtype=torch.float64))
+    relations = believe(slid, torch.tensor([[JOINT_CODES["prismatic"]]])).relations
+    torch.testing.assert_close(relations.axis[0, 0], torch.tensor([0.0, 1.0]), atol=1e-5, rtol=0)
+    # Swings about a point far from where the two touch.
+    pivot = np.array([0.03, 0.08])
+    swung = [*(pivot + pose.rotate(np.array([0.125, 0.0]) - pivot, 0.5)), 0.5]
+    turned = state.observe(torch.tensor([[[0.0, 0.0, 0.0], swung]], dtype=torch.float64))
+    relations = believe(turned, torch.tensor([[JOINT_CODES["revolute"]]])).relations
+    np.testing.assert_allclose(relations.anchor_a[0, 0].numpy(), pivot, atol=1e-5)
+    np.testing.assert_allclose(relations.anchor_b[0, 0].numpy(), pivot - [0.125, 0.0], atol=1e-5)
+
+
+def triangle() -> Scene:
+    """Three discs, all adjacent."""
+    return Scene(
+        bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0), body("c", 0.0625, 0.108)),
+        pushes=(Push(start=(-0.15, 0.02), end=(0.05, 0.02)),),
+    )
+
+
+@pytest.mark.parametrize("kinds", [("revolute",) * 3, ("fixed", "revolute", "prismatic"), ("fixed",) * 3])
+def test_a_believed_cycle_of_joints_is_predicted_without_tearing(kinds) -> None:
+    scene = triangle()
+    state = start(unaware(batch_scenes([scene])), torch.tensor(scene.poses_world_from_body[None]))
+    state = believe(state, torch.tensor([[JOINT_CODES[kind] for kind in kinds]]))
+    track = PhysicsPredictor.load().predict(scene)
+    tool, down = torch.from_numpy(track.poses[None, :, 0]), torch.from_numpy(track.down[None])
+    poses = PhysicsPredictor.load().rollout(state, tool, down)[0]
+    assert poses.isfinite().all()
+    assert float((poses[-1] - poses[0]).norm(dim=-1).max()) > 0.05
+    a, b = pairs_of(3)
+    relations = state.relations
+    for pair, kind in enumerate(kinds):
+        anchors = [
+            pose.transform(poses[:, end[pair]], anchor[0, pair].double())
+            for end, anchor in ((a, relations.anchor_a), (b, relations.anchor_b))
+        ]
+        apart = anchors[1] - anchors[0]
+        if kind == "prismatic":
+            axis = pose.rotate(relations.axis[0, pair].double().expand(len(poses), 2), poses[:, a[pair], 2])
+            apart = apart - (apart * axis).sum(-1, keepdim=True) * axis
+        assert float(apart.norm(dim=-1).max()) < 0.005
+
+
+@pytest.fixture
+def regulator(ours) -> BeliefRegulator:
+    return BeliefRegulator(triangle(), ours)
+
+
+def still(regulator: BeliefRegulator) -> np.ndarray:
+    return np.concatenate(([[-0.15, 0.02, 0.0]], regulator.original.poses_world_from_body))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda p: p[:3], r"shape must be \(4, 3\): robot, a, b, c"),
+        (lambda p: _with(p, 0, 0, np.nan), "'robot' is missing in frame 1"),
+        (lambda p: _with(p, 2, 2, np.nan), "pose of 'b' in frame 1"),
+        (lambda p: _with(p, 2, 1, np.inf), "'b'.*must be finite"),
+        (lambda p: _with(p, 3, 0, 0.4), "'c' jumps by 0.34 m in frame 1; at most 0.2 m"),
+        (lambda p: _with(p, 0, 0, 0.4), "'robot' jumps"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_teaches_nothing(regulator, ours, change, says) -> None:
+    poses = still(regulator)
+    regulator.observe(poses)
+    with pytest.raises(BeliefError, match=says):
+        regulator.observe(change(poses.copy()))
+    other = BeliefRegulator(triangle(), ours)
+    other.observe(poses)
+    nudged = poses + 0.01
+    np.testing.assert_array_equal(regulator.observe(nudged), other.observe(nudged))
+    assert regulator.frames == 2
+
+
+def _with(poses: np.ndarray, node: int, column: int, value: float) -> np.ndarray:
+    poses[node, column] = value
+    return poses
+
+
+def test_a_lifted_robot_may_leap(regulator) -> None:
+    poses = still(regulator)
+    regulator.observe(poses, down=False)
+    regulator.observe(_with(poses, 0, 0, 0.6), down=False)
+
+
+def test_nothing_observed_nothing_believed(regulator) -> None:
+    with pytest.raises(BeliefError, match="nothing was observed yet"):
+        regulator.scene()
+
+
+def test_lost_tags_pause_only_their_own_pairs(ours) -> None:
+    track = simulate(triangle())
+    whole, gappy = BeliefRegulator(triangle(), ours), BeliefRegulator(triangle(), ours)
+    for frame, poses in enumerate(track.poses[:20]):
+        with_loss = poses.copy()
+        if 5 <= frame < 12:
+            with_loss[3] = np.nan
+        before = gappy.probabilities if frame else None
+        whole.observe(poses)
+        gappy.observe(with_loss)
+        if 6 <= frame < 12:
+            # Pairs with c wait; what they are told of their bodies' memories may still change a little.
+            moved = np.abs(gappy.probabilities - before)
+            assert moved[0].max() > 0
+    assert not np.array_equal(gappy.probabilities, whole.probabilities)
+    gappy.observe(track.poses[20])  # seen again, as far away as it may have gone meanwhile
+
+
+def test_yaw_may_be_unknown_and_may_wrap(ours) -> None:
+    scene = triangle()
+    blind = scene.replace(bodies=(*scene.bodies[:2], scene.bodies[2].replace(yaw_known=False)))
+    track = simulate(scene)
+    one, other = BeliefRegulator(blind, ours), BeliefRegulator(blind, ours)
+    for frame, poses in enumerate(track.poses[:15]):
+        a, b = poses.copy(), poses.copy()
+        a[3, 2], b[3, 2] = np.nan, 0.3 * frame
+        b[1:3, 2] += 2 * np.pi * (frame % 3)
+        np.testing.assert_allclose(one.observe(a), other.observe(b), atol=1e-5)
+
+
+def test_given_joints_are_kept(ours) -> None:
+    scene = workshop()
+    poses = np.concatenate(([[-0.2, 0.0, 0.0]], scene.poses_world_from_body))
+    regulator = BeliefRegulator(scene, ours, given=True)
+    probabilities = regulator.observe(poses)
+    believed = dict(zip(regulator.pairs, probabilities, strict=True))
+    assert believed["plate", "lid"].tolist() == [0, 0, 0, 1]
+    assert believed["cup", "handle"].tolist() == [0, 1, 0, 0]
+    assert believed["plate", "cup"].tolist() == [1, 0, 0, 0]
+    unknown = dict(zip(regulator.pairs, BeliefRegulator(scene, ours).observe(poses), strict=True))
+    assert 0 < unknown["plate", "lid"][3] < 1
+    assert unknown["cup", "handle"].tolist() == [0, 1, 0, 0]
+
+
+def test_one_body_alone_is_no_trouble(ours) -> None:
+    scene = Scene(bodies=(body("a", 0.0, 0.0),))
+    regulator = BeliefRegulator(scene, ours)
+    assert regulator.observe(np.array([[-0.2, 0.0, 0.0], [0.0, 0.0, 0.0]])).shape == (0, 4)
+    assert regulator.scene().names == ("a",)
+
+
+class Convinced(torch.nn.Module):
+    """Answers one joint for every pair."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__()
+        self.log_odds = 9.0 * torch.nn.functional.one_hot(torch.tensor(JOINT_CODES[kind]), 4).float()
+
+    def forward(self, *_: object) -> torch.Tensor:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("kind", ["none", "fixed", "prismatic", "revolute"])
+def test_the_believed_scene_is_ready_for_prediction(ours, kind, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(
+        ours.network, "answer", lambda memory, rows: Convinced(kind).log_odds.expand(len(rows.scene), 4)
+    )
+    rng = np.random.default_rng(0)
+    track = simulate(triangle())
+    noisy = dataclasses.replace(track, poses=track.poses + rng.normal(size=track.poses.shape) * [0.001, 0.001, 0.01])
+    history = BeliefHistory.watch(triangle(), noisy, ours)
+    assert set(history.likeliest.values()) == {kind}
+    assert {joint.kind for joint in history.scene.joints} == ({kind} - {"none"})
+    history.save(tmp_path / "beliefs.json")
+    read = BeliefHistory.load(tmp_path / "beliefs.json")
+    assert read.scene == Scene.from_json(history.scene.to_json()) == history.scene
+    np.testing.assert_allclose(read.probabilities, history.probabilities, atol=1e-5)
+    end = np.array(history.scene.bodies[1].pose_world_from_body[:2])
+    pushed = read.scene.replace(pushes=(Push(start=tuple(end + [0.0, -0.25]), direction=1.57, distance=0.2),))
+    assert np.isfinite(PhysicsPredictor.load().predict(pushed).poses).all()
+    assert np.isfinite(PhysicsPredictor.load().predict(read.apply_to(triangle())).poses).all()
+
+
+def test_beliefs_move_with_their_scene(ours, monkeypatch) -> None:
+    monkeypatch.setattr(
+        ours.network, "answer", lambda memory, rows: Convinced("revolute").log_odds.expand(len(rows.scene), 4)
+    )
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0)))
+    regulator = BeliefRegulator(scene, ours)
+    regulator.observe(np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 0.0], [0.125, 0.0, 0.0]]))
+    pivot = np.array([0.0625, 0.0])
+    for angle in (0.2, 0.4, 0.6):
+        swung = [*(pivot + pose.rotate(np.array([0.0625, 0.0]), angle)), angle]
+        regulator.observe(np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 0.0], swung]))
+    (joint,) = regulator.scene().joints
+    np.testing.assert_allclose(joint.anchor, pivot, atol=1e-6)
+    np.testing.assert_allclose(joint.limits, (-math.pi / 2 - 0.6, math.pi / 2 - 0.6), atol=1e-6)
+    history = BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, regulator.scene())
+    (carried,) = history.apply_to(scene.moved((1.0, 2.0, 0.5))).joints
+    np.testing.assert_allclose(carried.anchor, pose.transform(np.array([1.0, 2.0, 0.5]), pivot), atol=1e-6)
+    np.testing.assert_allclose(carried.limits, (-math.pi / 2, math.pi / 2), atol=1e-6)
+    with pytest.raises(BeliefError, match="these beliefs are about a, b; the scene has a, b, c"):
+        history.apply_to(triangle())
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda text: text[:50], "may be truncated"),
+        (lambda text: "[]", "not beliefs"),
+        (lambda text: text.replace('"version": 1', '"version": 2', 1), "version 2 of beliefs"),
+        (lambda text: json.dumps(json.loads(text) | {"probabilities": [[[0.5]]]}), "shape"),
+        (lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "pairs"}), "damaged"),
+    ],
+)
+def test_damaged_beliefs_are_refused(ours, tmp_path, edit, says) -> None:
+    regulator = BeliefRegulator(triangle(), ours)
+    regulator.observe(still(regulator))
+    path = tmp_path / "beliefs.json"
+    BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, regulator.scene()).save(path)
+    path.write_text(edit(path.read_text()))
+    with pytest.raises(BeliefError, match=says):
+        BeliefHistory.load(path)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(ours, tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("belief") / "tiny.safetensors"
+    physics = load_checkpoint(shipped("contact")).hash
+    save_checkpoint(Checkpoint("belief", {"hidden": 16}, ours.network, {}, physics), path)
+    return str(path)
+
+
+def test_a_belief_needs_the_physics_it_was_trained_on(ours, checkpoint, tmp_path) -> None:
+    assert BeliefModel.load(checkpoint).network.hidden == 16
+    path = tmp_path / "other.safetensors"
+    save_checkpoint(Checkpoint("belief", {"hidden": 16}, ours.network, {}, "0" * 64), path)
+    with pytest.raises(CheckpointError, match="trained on other weights of contact"):
+        BeliefModel.load(path)
+    with pytest.raises(CheckpointError, match="holds 'contact', no belief"):
+        BeliefModel.load(shipped("contact"))
+    with pytest.raises(CheckpointError, match="holds 'belief', no predictor"):
+        PhysicsPredictor.load(checkpoint)
+
+
+@pytest.mark.parametrize("suffix", ["h5", "csv"])
+def test_observe_on_the_command_line(checkpoint, tmp_path, suffix) -> None:
+    scene, seen = tmp_path / "scene.json", tmp_path / f"track.{suffix}"
+    scene.write_text(triangle().to_json())
+    track = simulate(triangle())
+    lost = track.seen.copy()
+    lost[10:14, 2] = False
+    dataclasses.replace(track, seen=lost, poses=np.where(lost[..., None], track.poses, np.nan)).save(seen)
+    command = ["observe", str(scene), str(seen), "--out", str(tmp_path / "out"), "--model", checkpoint]
+    result = CliRunner().invoke(cli.app, command)
+    assert result.exit_code == 0, result.output
+    assert "b was not seen from 0.50 to 0.65 s." in result.output
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"beliefs.json", "beliefs.png", "scene.json"}
+    beliefs = str(tmp_path / "out" / "beliefs.json")
+    predict = ["predict", str(scene), "--out", str(tmp_path / "predicted"), "--animation", "none"]
+    result = CliRunner().invoke(cli.app, [*predict, "--relations", "believed", "--beliefs", beliefs])
+    assert result.exit_code == 0, result.output
+    assert CliRunner().invoke(cli.app, [*predict, "--relations", "believed"]).exit_code == 2
+    assert CliRunner().invoke(cli.app, [*predict, "--beliefs", beliefs]).exit_code == 2
+
+
+def test_a_track_that_cannot_be_is_no_silent_belief(checkpoint, tmp_path) -> None:
+    scene, seen = tmp_path / "scene.json", tmp_path / "track.csv"
+    scene.write_text(triangle().to_json())
+    simulate(triangle()).save(seen)
+    lines = seen.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("0.5,b,"))
+    for bad, says in (
+        ("0.5,b,0.9,0.5,0.0,", "jumps by"),
+        ("0.5,nobody,0.1,0.1,0.0,", "no body 'nobody'"),
+        ("0.5,b,nan,0.1,0.0,", "must be a finite number"),
+        ("0.4,b,0.1,0.1,0.0,", "times must rise"),
+    ):
+        seen.write_text("\n".join([*lines[:at], bad, *lines[at + 1 :]]))
+        with pytest.raises(Exception, match=says):
+            command = ["observe", str(scene), str(seen), "--out", str(tmp_path / "out"), "--model", checkpoint]
+            CliRunner().invoke(cli.app, command, catch_exceptions=False)
+        assert not (tmp_path / "out").exists()
