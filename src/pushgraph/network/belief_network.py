@@ -51,21 +51,22 @@ class Evidence(NamedTuple):
 class BeliefNetwork(nn.Module):
     """Ours: joint memory, motions and surprises beside the solver's latents.
 
-    Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent.
+    Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent. What a pair last
+    told stands beside its state in `Memory.relations`, for joint memory alone answers most questions.
     """
 
     PHYSICS = "contact"
 
     def __init__(self, hidden: int = 64, latents: int = 96) -> None:
         super().__init__()
-        self.hidden = self.width = hidden
+        self.hidden, self.width = hidden, 2 * hidden
         self.encoder = nn.Sequential(
             nn.Linear(len(FEATURES) + latents, 2 * hidden), nn.ReLU(), nn.Linear(2 * hidden, hidden), nn.ReLU()
         )
         self.relation_cell = nn.GRUCell(3 * hidden, hidden)
         self.to_object = nn.Linear(hidden, hidden)
         self.object_cell = nn.GRUCell(hidden, hidden)
-        self.head = nn.Sequential(nn.Linear(3 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
+        self.head = nn.Sequential(nn.Linear(4 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
 
     @staticmethod
     def schema() -> dict[str, Any]:
@@ -97,13 +98,15 @@ class BeliefNetwork(nn.Module):
         receiver, sender = rows.receiver.flatten(), rows.sender.flatten()
         old = memory.relations.flatten(0, 1)
         ends = memory.objects[receiver], memory.objects[sender]
-        new = self.relation_cell(torch.cat((encoded.flatten(0, 1), *ends), -1), old)
+        told = encoded.flatten(0, 1)
+        new = self.relation_cell(torch.cat((told, *ends), -1), old[:, : self.hidden])
+        new = torch.cat((new, told), -1)
         on = active[:, None].expand(-1, 2).flatten()[:, None]
         relations = torch.where(on, new, old)
-        messages = self.to_object(relations) * on
+        messages = self.to_object(relations[:, : self.hidden]) * on
         total = torch.zeros_like(memory.objects).index_add(0, receiver, messages)
-        told = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype)) > 0
-        objects = torch.where(told, self.object_cell(total, memory.objects), memory.objects)
+        met = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype)) > 0
+        objects = torch.where(met, self.object_cell(total, memory.objects), memory.objects)
         return Memory(relations.view_as(memory.relations), objects)
 
     def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
