@@ -65,17 +65,8 @@ class BeliefHistory:
         return {pair: kinds[row.argmax()] for pair, row in zip(self.pairs, self.probabilities[-1], strict=True)}
 
     def apply_to(self, scene: Scene) -> Scene:
-        """Another moment of the scene with the joints that are believed in the end, and no others.
-
-        Joints keep their place in their parent. Raises BeliefError if the scene has other bodies.
-        """
-        if scene.names != self.scene.names:
-            raise BeliefError(
-                f"these beliefs are about {', '.join(self.scene.names)}; the scene has {', '.join(scene.names)}"
-            )
-        old, new = self.scene.poses_world_from_body, scene.poses_world_from_body
-        joints = tuple(_carried(joint, scene.names, old, new) for joint in self.scene.joints)
-        return scene.replace(joints=joints, unknown_pairs=())
+        """Another moment of the scene with the joints that are believed in the end; see `joined_as`."""
+        return joined_as(self.scene, scene)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write JSON."""
@@ -118,6 +109,20 @@ class BeliefHistory:
                 f"got {probabilities.shape}"
             )
         return cls(pairs, times, probabilities, lost, scene)
+
+
+def joined_as(believed: Scene, scene: Scene) -> Scene:
+    """The scene with the joints of another moment of it, and no others; joints keep their place in their parent.
+
+    Raises BeliefError if the two have other bodies.
+    """
+    if scene.names != believed.names:
+        raise BeliefError(
+            f"these beliefs are about {', '.join(believed.names)}; the scene has {', '.join(scene.names)}"
+        )
+    old, new = believed.poses_world_from_body, scene.poses_world_from_body
+    joints = tuple(_carried(joint, scene.names, old, new) for joint in believed.joints)
+    return scene.replace(joints=joints, unknown_pairs=())
 
 
 def _carried(joint: Joint, names: Sequence[str], old: np.ndarray, new: np.ndarray) -> Joint:

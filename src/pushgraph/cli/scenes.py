@@ -23,29 +23,54 @@ SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
 ) -> None:
-    """Predict the shipped scene, simulate the same, and compare: table, picture, animation.
+    """Predict the shipped scene, simulate the same, and compare; then watch it, and predict what is believed.
+
+    Writes tables, pictures and an animation.
 
     Example: `pushgraph demo --out demo`
     """
     from pushgraph.physics import PhysicsPredictor
+    from pushgraph.regulator import BeliefRegulator
     from pushgraph.simulation.planar import simulate
     from pushgraph.viewer.animation import save_animation
+    from pushgraph.viewer.beliefs import save_believed_predictions
     from pushgraph.viewer.picture import save_comparison
 
-    scene = _load_scene("demo")
+    scene, predictor = _load_scene("demo"), PhysicsPredictor.load()
     with console.status("Predicting"):
-        predicted = PhysicsPredictor.load().predict(scene)
+        predicted = predictor.predict(scene)
     with console.status("Simulating"):
         simulated = simulate(scene)
+    with console.status("Watching"):
+        regulator = BeliefRegulator(scene)
+        believed = _predicted_while_watching(regulator, predictor, simulated)
     tracks = {"Predicted": predicted, "Simulated": simulated}
     outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png", out / "animation.gif"]
+    outputs.append(out / "beliefs.png")
     with console.status("Drawing"):
         for track, path in zip(tracks.values(), outputs, strict=False):
             track.save(path)
         save_comparison(tracks, outputs[2])
         save_animation(tracks, outputs[3])
+        save_believed_predictions(simulated, believed, regulator.pairs, outputs[4])
     console.print(_differences(predicted, simulated))
+    console.print(_joints_table(f"Believed after {regulator.frames} frames", regulator.pairs, regulator.probabilities))
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+
+
+def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
+    """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
+    from pushgraph.belief_history import joined_as
+
+    frames = len(track.times)
+    moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
+    found = {}
+    for frame, (poses, down) in enumerate(zip(track.poses, track.down.tolist(), strict=True)):
+        probabilities = regulator.observe(poses, down)
+        if frame in moments:
+            scene = joined_as(regulator.scene(), track.scene)
+            found[moments[frame]] = predictor.predict(scene), probabilities
+    return found
 
 
 def predict(

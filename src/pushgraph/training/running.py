@@ -27,7 +27,7 @@ class Progress:
 
     step: int = 0
     seconds: float = 0.0
-    curve: list[dict[str, float]] = field(default_factory=list)
+    curve: list[dict[str, int | float]] = field(default_factory=list)
     best: float = float("inf")
 
 
