@@ -6,10 +6,11 @@ BIN := $(VENV)/bin
 CACHE := $(or $(PUSHGRAPH_CACHE),$(HOME)/.cache/pushgraph)
 DATA := $(CACHE)/data
 WEIGHTS := src/pushgraph/weights
-TRAIN := $(BIN)/pushgraph train physics --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --precision bfloat16 \
-  --processes 1
+ON_DATA := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processes 1
+PHYSICS := $(BIN)/pushgraph train physics $(ON_DATA) --precision bfloat16
+BELIEF := $(BIN)/pushgraph train belief $(ON_DATA)
 
-.PHONY: demo test lint install schema weights weights-contact weights-propnet data clean
+.PHONY: demo test lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe data clean
 
 install: $(VENV)/.installed
 
@@ -34,19 +35,30 @@ schema: install
 	  > docs/scene.schema.json
 
 # Every shipped checkpoint from nothing; killed, the same command goes on. One process each, as they were trained:
-# make -j2 weights trains both side by side.
-weights: weights-contact weights-propnet
+# make -j2 weights trains two side by side. Beliefs stand on the physics weights, so they come after them.
+weights: data
+	+$(MAKE) weights-contact weights-propnet
+	+$(MAKE) weights-belief weights-paper-recipe
 
 data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 
 weights-contact: data
-	$(TRAIN) --model contact --samples 9000000 --batch 256 --learning-rate 3e-3 --out $(WEIGHTS)/contact.safetensors
+	$(PHYSICS) --model contact --samples 9000000 --batch 256 --learning-rate 3e-3 --out $(WEIGHTS)/contact.safetensors
 
 weights-propnet: data
-	$(TRAIN) --model propnet --samples 2000000 --batch 64 --learning-rate 1e-3 --hidden 256 --propagation-steps 5 \
+	$(PHYSICS) --model propnet --samples 2000000 --batch 64 --learning-rate 1e-3 --hidden 256 --propagation-steps 5 \
 	  --out $(WEIGHTS)/propnet.safetensors
+
+weights-belief: data
+	$(BELIEF) --frames 100 --samples 2560000 --learning-rate 3e-3 --out $(CACHE)/belief-100.safetensors
+	$(BELIEF) --frames 200 --samples 960000 --learning-rate 1e-3 --start-from $(CACHE)/belief-100.safetensors \
+	  --out $(WEIGHTS)/belief.safetensors
+
+weights-paper-recipe: data
+	$(BELIEF) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 800000 --learning-rate 1e-3 \
+	  --out $(WEIGHTS)/paper_recipe.safetensors
 
 clean:
 	rm -rf $(VENV) demo
