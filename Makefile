@@ -25,7 +25,7 @@ demo: install
 	$(BIN)/pushgraph demo --out demo
 
 test: install lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .
