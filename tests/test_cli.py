@@ -54,7 +54,16 @@ def test_unknown_values_are_simulated_at_nominal_ones_and_it_says_so(tmp_path: P
 
 
 def test_help_shows_an_example_for_every_command(capsys) -> None:
-    for command in ("demo", "predict", "simulate", "generate", "train physics", "evaluate physics"):
+    for command in (
+        "demo",
+        "predict",
+        "simulate",
+        "generate",
+        "train physics",
+        "evaluate physics",
+        "evaluate belief",
+        "evaluate coupled",
+    ):
         assert run(*command.split(), "--help") == 0
         assert f"pushgraph {command}" in capsys.readouterr().out
 

@@ -16,7 +16,7 @@ from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.graph.scene_batch import batch_scenes
-from pushgraph.graph.state import State, controls, start
+from pushgraph.graph.state import Control, State, controls, start
 from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import plan_tool
@@ -40,8 +40,13 @@ def rollout(
 
     tool: pose_world_from_tool. down: whether it is down on the table. Differentiable in all poses.
     """
+    return follow(dynamics, state, controls(tool, down))
+
+
+def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float[Tensor, "batch frames bodies 3"]:
+    """Poses of all bodies in every frame, the first being the state's; the course tells what the tool does next."""
     poses = [state.poses]
-    for control in controls(tool, down):
+    for control in course:
         poses.append(poses[-1] + dynamics(state, control))
         state = state.observe(poses[-1])
     return torch.stack(poses, 1)

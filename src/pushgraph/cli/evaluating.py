@@ -1,5 +1,6 @@
 """The commands of `pushgraph evaluate`."""
 
+import itertools
 import os
 from pathlib import Path
 from typing import Annotated
@@ -18,15 +19,23 @@ def evaluate() -> None:
     """Measure the shipped networks, or your own."""
 
 
+Count = Annotated[int, typer.Option(min=1, help="Scenes for each number of objects.")]
+Seed = Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test scenes.")]
+Out = Annotated[Path, typer.Option(help="Folder for results.json and figures.")]
+Objects = Annotated[int | None, typer.Option(help="6, 9 or 12.", show_default="all three")]
+Workers = Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")]
+CORES = os.cpu_count() or 1
+
+
 @app.command("physics")
 def physics(
-    count: Annotated[int, typer.Option(min=1, help="Scenes for each number of objects.")] = 120,
-    seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test scenes.")] = 1_000_000,
-    out: Annotated[Path, typer.Option(help="Folder for results.json and figures.")] = Path("evaluation-physics"),
-    objects: Annotated[int | None, typer.Option(help="6, 9 or 12.", show_default="all three")] = None,
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-physics"),
+    objects: Objects = None,
     contact: Annotated[str, typer.Option(help="Checkpoint to measure as contact.")] = "contact",
     propnet: Annotated[str, typer.Option(help="Checkpoint to measure as propnet.")] = "propnet",
-    workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
+    workers: Workers = CORES,
 ) -> None:
     """Roll out `contact` and `propnet` against simulation, beside standing still and the noise floor.
 
@@ -39,24 +48,93 @@ def physics(
     from pushgraph.evaluation.figures import save_histogram
     from pushgraph.evaluation.physics import evaluate_physics
 
-    if objects not in (None, 6, 9, 12):
-        raise typer.BadParameter(f"{objects}; valid: 6, 9, 12", param_hint="--objects")
-    numbers = (6, 9, 12) if objects is None else (objects,)
-    with Progress(*BAR, console=console) as progress:
-        task = progress.add_task("scenes", total=count * len(numbers))
-        results, scenes = evaluate_physics(
-            numbers,
-            count,
-            seed,
-            {"propnet": propnet, "contact": contact},
-            workers,
-            lambda done: progress.update(task, completed=done),
-        )
+    models = {"propnet": propnet, "contact": contact}
+    results, scenes = _measure(evaluate_physics, objects, count, seed, models, workers)
     results.save(out / "results.json")
     save_histogram(scenes, ("still", "propnet", "contact", "noise_floor"), out / "histogram.png")
-    for number in numbers:
+    for number in _numbers(objects):
         console.print(_physics_table(results, number))
-    console.print(f"Written: {out / 'results.json'}, {out / 'histogram.png'}", soft_wrap=True, markup=False)
+    _say_written(out, "histogram.png")
+
+
+@app.command("belief")
+def belief(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-belief"),
+    objects: Objects = None,
+    belief: Annotated[str, typer.Option(help="Checkpoint to measure as belief.")] = "belief",
+    paper_recipe: Annotated[str, typer.Option(help="Checkpoint to measure as paper_recipe.")] = "paper_recipe",
+    workers: Workers = CORES,
+) -> None:
+    """Watch test scenes with `belief` and `paper_recipe`, and score what they say is joined, beside perfect inference.
+
+    Examples:
+
+    `pushgraph evaluate belief --count 500 --objects 9 --out result`
+
+    `pushgraph evaluate belief --count 120 --belief my.safetensors`
+    """
+    from pushgraph.evaluation.belief import evaluate_belief
+    from pushgraph.evaluation.figures import save_belief_curves, save_reliability
+
+    models = {"belief": belief, "paper_recipe": paper_recipe}
+    results, scenes = _measure(evaluate_belief, objects, count, seed, models, workers)
+    results.save(out / "results.json")
+    save_belief_curves(results.rows, out / "curves.png")
+    save_reliability(scenes, tuple(models), out / "reliability.png")
+    for number in _numbers(objects):
+        console.print(_belief_table(results, number))
+    _say_written(out, "curves.png", "reliability.png")
+
+
+@app.command("coupled")
+def coupled(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-coupled"),
+    objects: Objects = None,
+    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    workers: Workers = CORES,
+) -> None:
+    """Predict test scenes with what is believed after so many observed frames, beside true and assumed joints.
+
+    Examples:
+
+    `pushgraph evaluate coupled --count 500 --objects 9 --out result`
+
+    `pushgraph evaluate coupled --count 120 --belief my.safetensors`
+    """
+    from pushgraph.evaluation.coupled import evaluate_coupled
+    from pushgraph.evaluation.figures import save_coupled_curves
+
+    models = {"contact": contact, "belief": belief}
+    results, scenes = _measure(evaluate_coupled, objects, count, seed, models, workers)
+    results.save(out / "results.json")
+    save_coupled_curves(scenes, out / "coupled.png")
+    for number in _numbers(objects):
+        console.print(_coupled_table(scenes, number))
+    _say_written(out, "coupled.png")
+
+
+def _numbers(objects: int | None) -> tuple[int, ...]:
+    if objects not in (None, 6, 9, 12):
+        raise typer.BadParameter(f"{objects}; valid: 6, 9, 12", param_hint="--objects")
+    return (6, 9, 12) if objects is None else (objects,)
+
+
+def _measure(suite, objects: int | None, count: int, seed: int, models: dict[str, str], workers: int):
+    """Run a suite behind a progress bar."""
+    numbers = _numbers(objects)
+    with Progress(*BAR, console=console) as progress:
+        task = progress.add_task("scenes", total=count * len(numbers))
+        return suite(numbers, count, seed, models, workers, lambda done: progress.update(task, completed=done))
+
+
+def _say_written(out: Path, *figures: str) -> None:
+    written = ", ".join(str(out / name) for name in ("results.json", *figures))
+    console.print(f"Written: {written}", soft_wrap=True, markup=False)
 
 
 def _physics_table(results, objects: int) -> Table:
@@ -77,4 +155,38 @@ def _physics_table(results, objects: int) -> Table:
             table.add_section()
         last = density, frames
         table.add_row(density, str(frames), model, *("-" if v is None else f"{v:.2f}" for v in numbers))
+    return table
+
+
+def _belief_table(results, objects: int) -> Table:
+    table = Table(title=f"Accuracy, {objects} objects (95 % interval over scenes in results.json)")
+    for name in ("frames", "noise", "model", "all pairs", "adjacent", "touched", "ece, adjacent"):
+        table.add_column(name, justify="left" if name in ("noise", "model") else "right")
+    values = {
+        tuple(row[name] for name in ("observed_frames", "noise", "model", "metric", "pairs")): row["value"]
+        for row in results.rows
+        if row["objects"] == objects and row["observed_frames"] in (10, 40, 100, 200)
+    }
+    wanted = (*(("accuracy", pairs) for pairs in ("all", "adjacent", "touched")), ("ece", "adjacent"))
+    order = sorted(dict.fromkeys(key[:3] for key in values), key=lambda key: (key[0], key[1] != "none"))
+    for (frames, noise), some in itertools.groupby(order, key=lambda key: key[:2]):
+        table.add_section()
+        for *_, model in some:
+            numbers = [values.get((frames, noise, model, metric, pairs)) for metric, pairs in wanted]
+            table.add_row(str(frames), noise, model, *("-" if v is None else f"{v:.3f}" for v in numbers))
+    return table
+
+
+def _coupled_table(scenes, objects: int) -> Table:
+    from pushgraph.evaluation.coupled import MODELS, STARTS, mean_and_standard_error
+
+    title = f"Rollouts of 50 frames, {objects} objects (mean error ± standard error, cm)"
+    table = Table(title=title, pad_edge=False)
+    table.add_column("frames", justify="right")
+    columns = []
+    for model in MODELS:
+        table.add_column(model.replace("_", " "), justify="right")
+        columns.append(zip(*mean_and_standard_error(scenes, objects, model), strict=True))
+    for frames, *cells in zip(STARTS, *columns, strict=True):
+        table.add_row(str(frames), *(f"{mean:.2f}±{error:.2f}" for mean, error in cells))
     return table

@@ -2,15 +2,29 @@
 
 import itertools
 import os
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from pushgraph.evaluation.belief import INFORMED, NOISES, OBSERVED, SceneAnswers, certainty
+from pushgraph.evaluation.coupled import MODELS, STARTS, CoupledErrors, mean_and_standard_error
+from pushgraph.evaluation.metrics import reliability
 from pushgraph.evaluation.physics import HISTOGRAM, SceneErrors, histogram
 from pushgraph.storage import replacing
 
-COLOURS = {"still": "#bbbbbb", "propnet": "#d08000", "contact": "#2060c0", "noise_floor": "#40a060"}
+COLOURS = {
+    **{"still": "#bbbbbb", "propnet": "#d08000", "contact": "#2060c0", "noise_floor": "#40a060"},
+    **{"belief": "#2060c0", "paper_recipe": "#d08000", "informed": "#40a060"},
+    **{"oracle": "#202020", "informed_oracle": "#40a060"},
+    **{"no_joint": "#bbbbbb", "all_fixed": "#c04040", "all_fixed_5cm": "#e0a0a0"},
+}
+JOINT_COLOURS = {"none": "#2060c0", "fixed": "#c04040", "prismatic": "#40a060", "revolute": "#d08000"}
+LINES = {"belief": "-", "paper_recipe": "--", INFORMED: ":"}
+RELIABLE_AT = (40, 200)
+"""Observed frames of the reliability diagram."""
 
 
 def save_histogram(
@@ -36,5 +50,71 @@ def save_histogram(
             axes.grid(axis="y", alpha=0.3)
     handles, names = grid[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=len(names), frameon=False)
+    _save(figure, path)
+
+
+def save_belief_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike) -> None:
+    """The paper's curves over observed frames, of adjacent pairs without noise; precision and recall by joint."""
+    rows = [row for row in rows if (row["pairs"], row["noise"]) == ("adjacent", "none") and row["value"] is not None]
+    numbers = sorted({row["objects"] for row in rows})
+    figure = Figure(figsize=(13, 3.4 * len(numbers) + 0.6), layout="constrained")
+    grid = figure.subplots(len(numbers), 3, squeeze=False, sharex=True, sharey="col")
+    curves = defaultdict(dict)
+    for row in rows:
+        key = tuple(row[name] for name in ("objects", "metric", "model", "joint"))
+        curves[key][row["observed_frames"]] = row["value"]
+    handles = {}
+    for panels, number in zip(grid, numbers, strict=True):
+        for axes, metric in zip(panels, ("accuracy", "precision", "recall"), strict=True):
+            for model, line in LINES.items():
+                for joint in ("all",) if metric == "accuracy" else JOINT_COLOURS:
+                    colour = JOINT_COLOURS.get(joint, COLOURS[model])
+                    curve = sorted(curves[number, metric, model, joint].items())
+                    label = f"{joint}: {model}".replace("_", " ")
+                    (handles[label],) = axes.plot(*np.reshape(curve, (-1, 2)).T, line, color=colour)
+            axes.set(title=f"{metric}, {number} objects", xlabel="observed frames")
+            axes.grid(alpha=0.3)
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    _save(figure, path)
+
+
+def save_reliability(scenes: Sequence[SceneAnswers], models: Sequence[str], path: str | os.PathLike) -> None:
+    """How often answers about adjacent pairs are right, against how sure they were; dots as large as their share."""
+    figure = Figure(figsize=(4 * len(RELIABLE_AT), 4 * len(NOISES) + 0.6), layout="constrained")
+    grid = figure.subplots(len(NOISES), len(RELIABLE_AT), squeeze=False, sharex=True, sharey=True)
+    for panels, noise in zip(grid, NOISES, strict=True):
+        for axes, observed in zip(panels, RELIABLE_AT, strict=True):
+            time = OBSERVED.index(observed)
+            axes.plot((0, 1), (0, 1), color="#bbbbbb", linewidth=1)
+            for model in models:
+                bins = reliability(*certainty(scenes, model, noise, "adjacent", time))
+                style = {"color": COLOURS.get(model), "label": model.replace("_", " ")}
+                there = bins.share > 0
+                axes.plot(bins.sure[there], bins.right[there], **style)
+                axes.scatter(bins.sure[there], bins.right[there], 200 * bins.share[there], color=style["color"])
+            axes.set(title=f"{observed} observed frames, noise: {noise}", xlabel="probability", ylabel="share right")
+            axes.grid(alpha=0.3)
+    grid[0, 0].legend()
+    _save(figure, path)
+
+
+def save_coupled_curves(scenes: Sequence[CoupledErrors], path: str | os.PathLike) -> None:
+    """The paper's curves of the mean rollout error over observed frames, with standard errors."""
+    numbers = sorted({scene.objects for scene in scenes})
+    figure = Figure(figsize=(5 * len(numbers), 4.2), layout="constrained")
+    (row,) = figure.subplots(1, len(numbers), squeeze=False)
+    for axes, number in zip(row, numbers, strict=True):
+        for model in MODELS:
+            mean, error = mean_and_standard_error(scenes, number, model)
+            axes.plot(STARTS, mean, color=COLOURS[model], label=model.replace("_", " "))
+            axes.fill_between(STARTS, mean - error, mean + error, color=COLOURS[model], alpha=0.15, linewidth=0)
+        axes.set(title=f"{number} objects", xlabel="observed frames", ylabel="mean error (cm)", ylim=(0, None))
+        axes.grid(alpha=0.3)
+    handles, names = row[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: str | os.PathLike) -> None:
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)

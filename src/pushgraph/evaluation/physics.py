@@ -7,34 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushgraph.dataset.engines import run_in_processes
-from pushgraph.errors import EvaluationError
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.metrics import RolloutError
 from pushgraph.evaluation.noise_floor import CAMERA, simulate_again
 from pushgraph.evaluation.results import Results
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.shape import Cuboid
-from pushgraph.simulation.setups import FIRST_TEST_SEED, draw_trajectory
 from pushgraph.track import Track
 
-SETUP = "multiple-parts"
 HORIZONS = (30, 50, 300)
 """Frames of a rollout, its start included; the last may be longer than a trajectory, which then counts whole."""
 DENSITIES = ("all", "dense", "sparse")
-BLOCK = 25
-"""Scenes that one process handles at a time."""
 HISTOGRAM = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """The paper's bins of a trajectory's mean error (cm)."""
-
-
-class Block(NamedTuple):
-    """Some test scenes, and the checkpoints (names or paths) that predict them."""
-
-    objects: int
-    seed: int
-    first: int
-    count: int
-    models: tuple[tuple[str, str], ...]
 
 
 class SceneErrors(NamedTuple):
@@ -54,23 +39,8 @@ def evaluate_physics(
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[Results, list[SceneErrors]]:
-    """Measure predictors on `count` test scenes for each number of objects; `models` are names and checkpoints.
-
-    Raises EvaluationError if the scenes of this seed are for training.
-    """
-    if seed < FIRST_TEST_SEED:
-        raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
-    chosen = tuple((name, str(path)) for name, path in models.items())
-    blocks = [
-        Block(number, seed, first, min(BLOCK, count - first), chosen)
-        for number in objects
-        for first in range(0, count, BLOCK)
-    ]
-    measured: dict[Block, list[SceneErrors]] = {}
-    for block, errors in run_in_processes(evaluate_block, blocks, min(workers, len(blocks))):
-        measured[block] = errors
-        progress(sum(len(done) for done in measured.values()))
-    scenes = [errors for block in blocks for errors in measured[block]]
+    """Measure predictors on `count` test scenes for each number of objects; see `measure_blocks`."""
+    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress)
     results = Results("physics", {"setup": SETUP, "count": count, "seed": seed}, ("objects", "frames", "density"))
     for number in objects:
         for frames in HORIZONS:
@@ -83,10 +53,7 @@ def evaluate_physics(
 
 def evaluate_block(block: Block) -> list[SceneErrors]:
     """Simulate the scenes of a block, and predict them with every model."""
-    trajectories = [
-        draw_trajectory(SETUP, block.objects, block.seed, index)
-        for index in range(block.first, block.first + block.count)
-    ]
+    trajectories = block.draw()
     tracks = [trajectory.track for trajectory in trajectories]
     longest = min(max(HORIZONS), max(len(track.times) for track in tracks))
     predicted = {"still": [_still(track) for track in tracks]}

@@ -4,36 +4,48 @@ import importlib.metadata
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from pushgraph.evaluation.metrics import CALIBRATION_BINS, calibration_bin
 from pushgraph.storage import replacing
 
 RESAMPLES = 1000
 
 
-def _mean(ordered: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return weights @ ordered / weights.sum(1)
+def _mean(values: np.ndarray, scene: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return weights @ np.bincount(scene, values) / (weights @ np.bincount(scene))
 
 
-def _median(ordered: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _median(values: np.ndarray, scene: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """The median of values, each there as often as its weight says: the mean of the two in the middle."""
-    upto = weights.cumsum(1)
+    order = np.argsort(values, kind="stable")
+    ordered, upto = values[order], weights[:, scene[order]].cumsum(1)
     total = upto[:, -1]
     low = (upto < ((total + 1) // 2)[:, None]).sum(1)
     high = (upto < (total // 2 + 1)[:, None]).sum(1)
     return (ordered[low] + ordered[high]) / 2
 
 
-def _max(ordered: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return ordered[len(ordered) - 1 - (weights[:, ::-1] > 0).argmax(1)]
+def _max(values: np.ndarray, scene: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    highest = np.full(weights.shape[1], -np.inf)
+    np.maximum.at(highest, scene, values)
+    return np.where(weights > 0, highest, -np.inf).max(1)
 
 
 _STATISTICS = {"mean": _mean, "median": _median, "max": _max}
+
+
+@cache
+def _resamples(scenes: int) -> Int[np.ndarray, "resamples scenes"]:
+    """How often each scene is in each resample."""
+    drawn = np.random.default_rng(0).integers(scenes, size=(RESAMPLES, scenes))
+    return np.stack([np.bincount(row, minlength=scenes) for row in drawn])
 
 
 @dataclass
@@ -59,22 +71,48 @@ class Results:
 
         Raises ValueError if a label is missing or not the suite's. Without values the row holds nulls.
         """
+        values = np.asarray(values, dtype=float)
+        self._add(model, metric, unit, scene, partial(_STATISTICS[statistic], values), labels)
+
+    def add_calibration_error(
+        self,
+        model: str,
+        top: Float[np.ndarray, " values"],
+        right: Bool[np.ndarray, " values"],
+        scene: Int[np.ndarray, " values"],
+        **labels: Any,
+    ) -> None:
+        """Add the expected calibration error, `ece`, of answers given with probability `top`; see `add`."""
+        gap, place = right - np.asarray(top, dtype=float), calibration_bin(top)
+
+        def error(scene: np.ndarray, weights: np.ndarray) -> np.ndarray:
+            gaps = np.zeros((weights.shape[1], CALIBRATION_BINS))
+            np.add.at(gaps, (scene, place), gap)
+            return np.abs(weights @ gaps).sum(1) / (weights @ np.bincount(scene))
+
+        self._add(model, "ece", "1", scene, error, labels)
+
+    def _add(
+        self,
+        model: str,
+        metric: str,
+        unit: str,
+        scene: np.ndarray,
+        statistic: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        labels: Mapping[str, Any],
+    ) -> None:
+        """Add a statistic; it takes the scene of every value, from 0 on, and how often each resample holds each."""
         if set(labels) != set(self.labels):
             raise ValueError(f"labels must be {sorted(self.labels)}, got {sorted(labels)}")
         value = low = high = None
-        if len(values):
-            order = np.argsort(values, kind="stable")
-            ordered = np.asarray(values, dtype=float)[order]
-            _, place = np.unique(scene, return_inverse=True)
-            value = float(_STATISTICS[statistic](ordered, np.ones((1, len(ordered))))[0])
+        if len(scene):
+            _, scene = np.unique(scene, return_inverse=True)
+            count = int(scene.max()) + 1
+            value = float(statistic(scene, np.ones((1, count), dtype=int))[0])
             if not math.isfinite(value):
                 raise ValueError(f"{model}, {metric}: {value} is not a number to report")
-            drawn = np.random.default_rng(0).integers(place.max() + 1, size=(RESAMPLES, place.max() + 1))
-            weights = np.stack([np.bincount(row, minlength=place.max() + 1) for row in drawn])
-            resampled = np.concatenate(
-                [_STATISTICS[statistic](ordered, some[:, place[order]]) for some in np.array_split(weights, 20)]
-            )
-            low, high = (float(bound) for bound in np.percentile(resampled, [2.5, 97.5]))
+            resampled = [statistic(scene, some) for some in np.array_split(_resamples(count), 20)]
+            low, high = (float(bound) for bound in np.percentile(np.concatenate(resampled), [2.5, 97.5]))
         self.rows.append(
             {"model": model, "metric": metric, "value": value, "low": low, "high": high, "unit": unit} | labels
         )

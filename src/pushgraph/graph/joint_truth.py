@@ -14,9 +14,14 @@ SHIFTED = 0.02
 
 
 def true_joints(scenes: SceneBatch) -> Int[Tensor, "batch pairs"]:
-    """JOINT_CODES of all pairs; no motion can tell what holds a rigid piece together, so all in it is fixed."""
-    piece = piece_index(scenes, scenes.relations)
-    return torch.where(rigid_pairs(piece), JOINT_CODES["fixed"], scenes.relations.kind)
+    """JOINT_CODES of all pairs, closed."""
+    return closed(scenes, scenes.relations.kind)
+
+
+def closed(scenes: SceneBatch, kind: Int[Tensor, "batch pairs"]) -> Int[Tensor, "batch pairs"]:
+    """Joints of all pairs; no motion can tell what holds a rigid piece together, so all in it is fixed."""
+    piece = piece_index(scenes, scenes.relations._replace(kind=kind))
+    return torch.where(rigid_pairs(piece), JOINT_CODES["fixed"], kind)
 
 
 def rigid_pairs(group: Int[Tensor, "batch bodies"]) -> Bool[Tensor, "batch pairs"]:

@@ -1,0 +1,171 @@
+"""The suite `belief`: what beliefs say about every pair after so many observed frames, against what is truly joined."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pushgraph.belief import BeliefModel
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
+from pushgraph.evaluation.recording import Recording, record, watch
+from pushgraph.evaluation.results import Results
+from pushgraph.graph.joint_truth import adjacent_pairs, closed, touched_pairs, true_joints, unaware
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate
+
+OBSERVED = (10, *range(20, 201, 20))
+"""Observed frames after which beliefs are asked; a shorter trajectory keeps its last answer."""
+NOISES: dict[str, StartNoise] = {"none": StartNoise(0.0, 0.0), "1mm": CAMERA}
+"""Noise on every body's pose in every frame; the robot's is exact."""
+PAIRS = ("all", "adjacent", "touched")
+INFORMED = "informed"
+"""Answers the truth for touched pairs, and none for the rest: what perfect inference could do."""
+
+
+class Answers(NamedTuple):
+    """What was answered about the pairs of a scene after each of OBSERVED.
+
+    likeliest: JOINT_CODES. closed: the same with the closure of fixed. top: probability of the likeliest; nothing can
+    be asked of `informed` there.
+    """
+
+    likeliest: Int[np.ndarray, "times pairs"]
+    closed: Int[np.ndarray, "times pairs"]
+    top: Float[np.ndarray, "times pairs"] | None
+
+
+class SceneAnswers(NamedTuple):
+    """What was answered about one scene, by model and noise, and what is true.
+
+    joint: true JOINT_CODES, closed. listed: the same as the scene lists them. chosen: the pairs of each of PAIRS.
+    """
+
+    objects: int
+    joint: Int[np.ndarray, " pairs"]
+    listed: Int[np.ndarray, " pairs"]
+    chosen: dict[str, Bool[np.ndarray, "times pairs"]]
+    answers: dict[tuple[str, str], Answers]
+
+
+def evaluate_belief(
+    objects: Sequence[int],
+    count: int,
+    seed: int,
+    models: Mapping[str, str | os.PathLike],
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Results, list[SceneAnswers]]:
+    """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`."""
+    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress)
+    protocol = {"setup": SETUP, "count": count, "seed": seed}
+    results = Results("belief", protocol, ("objects", "observed_frames", "pairs", "noise", "joint"))
+    for number in objects:
+        some = [scene for scene in scenes if scene.objects == number]
+        for model in (*models, INFORMED):
+            for noise in NOISES:
+                _add_rows(results, model, noise, number, some)
+    return results, scenes
+
+
+def answer_block(block: Block) -> list[SceneAnswers]:
+    """Simulate the scenes of a block, and watch them with every model."""
+    tracks = [trajectory.track for trajectory in block.draw()]
+    longest = min(max(OBSERVED), max(len(track.times) for track in tracks))
+    scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)
+    times = torch.tensor(OBSERVED).minimum(seen.lengths[:, None]) - 1
+    adjacent = adjacent_pairs(scenes, seen.bodies[:, 0])
+    touched = touched_pairs(adjacent, seen.bodies)[torch.arange(len(tracks))[:, None], times]
+    subsets = torch.ones_like(touched), adjacent[:, None].expand(touched.shape), touched
+    chosen = dict(zip(PAIRS, subsets, strict=True))
+    joint, listed = true_joints(scenes), scenes.relations.kind
+
+    informed = torch.where(touched, listed[:, None], JOINT_CODES["none"])
+    closure = torch.where(touched, joint[:, None], JOINT_CODES["none"])
+    answers = {(INFORMED, noise): Answers(*_arrays(informed, close(scenes, closure)), None) for noise in NOISES}
+    # All noises are watched side by side.
+    noisy = concatenate([add_noise(seen, noise, block) for noise in NOISES.values()])
+    watched, all_times = concatenate([scenes] * len(NOISES)), times.repeat(len(NOISES), 1)
+    for name, path in block.models:
+        top, likeliest = ask(BeliefModel.load(path), unaware(watched), noisy, all_times).max(-1)
+        for noise, *told in zip(NOISES, top.chunk(len(NOISES)), likeliest.chunk(len(NOISES)), strict=True):
+            answers[name, noise] = Answers(*_arrays(told[1], close(scenes, told[1]), told[0]))
+    return [
+        SceneAnswers(
+            block.objects,
+            *_arrays(joint[k], listed[k]),
+            {pairs: some[k].numpy() for pairs, some in chosen.items()},
+            {key: Answers(*(None if part is None else part[k] for part in told)) for key, told in answers.items()},
+        )
+        for k in range(len(tracks))
+    ]
+
+
+def ask(
+    model: BeliefModel, scenes: SceneBatch, seen: Recording, times: Int[Tensor, "batch times"]
+) -> Float[Tensor, "batch times pairs joints"]:
+    """Probabilities of all pairs after each scene's frames `times`."""
+    wanted = set(times.flatten().tolist())
+    told = {
+        frame: model.probabilities(watched)
+        for frame, watched in enumerate(watch(model, scenes, seen))
+        if frame in wanted
+    }
+    return torch.stack([torch.stack([told[time][k] for time in row]) for k, row in enumerate(times.tolist())])
+
+
+def add_noise(seen: Recording, noise: StartNoise, block: Block) -> Recording:
+    """Independent noise on every pose; a scene's own, whatever block it is in."""
+    shape = seen.bodies.shape[1:]
+    drawn = [
+        np.random.default_rng([block.seed, block.objects, index]).normal(size=shape)
+        for index in range(block.first, block.first + block.count)
+    ]
+    spread = seen.bodies.new_tensor([noise.position, noise.position, noise.yaw])
+    return seen._replace(bodies=seen.bodies + torch.from_numpy(np.stack(drawn)) * spread)
+
+
+def close(scenes: SceneBatch, kind: Int[Tensor, "batch times pairs"]) -> Int[Tensor, "batch times pairs"]:
+    """The closure of fixed, of answers at several times."""
+    return torch.stack([closed(scenes, at_one_time) for at_one_time in kind.unbind(1)], 1)
+
+
+def certainty(
+    scenes: Sequence[SceneAnswers], model: str, noise: str, pairs: str, time: int
+) -> tuple[Float[np.ndarray, " values"], Bool[np.ndarray, " values"]]:
+    """Probabilities of the likeliest answers about some pairs at OBSERVED[time], and whether those are right."""
+    told = [(scene.answers[model, noise], scene.chosen[pairs][time]) for scene in scenes]
+    top = [answers.top[time][chosen] for answers, chosen in told]
+    right = [(a.likeliest[time] == scene.joint)[chosen] for scene, (a, chosen) in zip(scenes, told, strict=True)]
+    return np.concatenate(top), np.concatenate(right)
+
+
+def _arrays(*tensors: Tensor) -> list[np.ndarray]:
+    return [tensor.numpy() for tensor in tensors]
+
+
+def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Sequence[SceneAnswers]) -> None:
+    answers = [scene.answers[model, noise] for scene in scenes]
+    joint, listed = (np.stack([getattr(scene, name) for scene in scenes]) for name in ("joint", "listed"))
+    likeliest, answered = (np.stack([getattr(told, name) for told in answers]) for name in ("likeliest", "closed"))
+    for time, observed in enumerate(OBSERVED):
+        for pairs in PAIRS:
+            chosen = np.stack([scene.chosen[pairs][time] for scene in scenes])
+            scene, truth, said = chosen.nonzero()[0], joint[chosen], answered[:, time][chosen]
+            labels = {"objects": objects, "observed_frames": observed, "pairs": pairs, "noise": noise}
+
+            def add(metric: str, right: np.ndarray, of: np.ndarray, joint: str = "all", scene=scene, labels=labels):
+                results.add(model, metric, "1", right[of].astype(float), scene[of], **labels, joint=joint)
+
+            everything = np.ones_like(truth, dtype=bool)
+            add("accuracy", said == truth, everything)
+            add("accuracy_raw", likeliest[:, time][chosen] == listed[chosen], everything)
+            for name, code in JOINT_CODES.items():
+                add("precision", said == truth, said == code, name)
+                add("recall", said == truth, truth == code, name)
+            if model != INFORMED:
+                top, right = certainty(scenes, model, noise, pairs, time)
+                results.add_calibration_error(model, top, right, scene, **labels, joint="all")

@@ -1,0 +1,159 @@
+"""The suite `coupled`: predictions that use what is believed so far, beside other ways to settle what is joined."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pushgraph.belief import BeliefModel
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.evaluation.recording import Recording, record, watch
+from pushgraph.evaluation.results import Results
+from pushgraph.graph.believed import believe
+from pushgraph.graph.joint_truth import adjacent_pairs, rigid_pairs, touched_pairs, unaware
+from pushgraph.graph.scene_batch import (
+    JOINT_CODES,
+    Relations,
+    SceneBatch,
+    batch_scenes,
+    concatenate,
+    hide_relations,
+    remember,
+)
+from pushgraph.graph.state import ADJACENT, State, controls
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.physics import PhysicsPredictor, follow
+
+STARTS = tuple(range(0, 101, 10))
+"""Observed frames before a rollout starts; frame 0 is seen in any case."""
+FRAMES = 50
+"""Of a rollout, its start included; a shorter trajectory is compared as far as it goes."""
+WIDE = 0.05
+"""Gap (m) of the reference code's rule for contacting pairs."""
+MODELS = ("oracle", "informed_oracle", "belief", "no_joint", "all_fixed", "all_fixed_5cm")
+
+
+class CoupledErrors(NamedTuple):
+    """Mean position errors (m) in one scene by model, from each of STARTS on."""
+
+    objects: int
+    errors: dict[str, Float[np.ndarray, " starts"]]
+
+
+def evaluate_coupled(
+    objects: Sequence[int],
+    count: int,
+    seed: int,
+    models: Mapping[str, str | os.PathLike],
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Results, list[CoupledErrors]]:
+    """Measure predictions on `count` test scenes for each number of objects; see `measure_blocks`.
+
+    models: the checkpoints `contact`, which predicts, and `belief`, which watches.
+    """
+    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress)
+    results = Results("coupled", {"setup": SETUP, "count": count, "seed": seed}, ("objects", "observed_frames"))
+    for number in objects:
+        some = [scene for scene in scenes if scene.objects == number]
+        for k, observed in enumerate(STARTS):
+            for model in MODELS:
+                errors = np.array([100 * scene.errors[model][k] for scene in some])
+                labels = {"objects": number, "observed_frames": observed}
+                results.add(model, "error_cm", "cm", errors, np.arange(len(errors)), **labels)
+    return results, scenes
+
+
+def mean_and_standard_error(
+    scenes: Sequence[CoupledErrors], objects: int, model: str
+) -> tuple[Float[np.ndarray, " starts"], Float[np.ndarray, " starts"]]:
+    """Mean over scenes of a model's errors (cm), and its standard error, which one scene alone does not tell."""
+    errors = 100 * np.stack([scene.errors[model] for scene in scenes if scene.objects == objects])
+    spread = errors.std(0, ddof=1) if len(errors) > 1 else np.full(len(STARTS), np.nan)
+    return errors.mean(0), spread / np.sqrt(len(errors))
+
+
+def predict_block(block: Block) -> list[CoupledErrors]:
+    """Simulate the scenes of a block, watch them, and predict them from every start with every model's relations."""
+    checkpoints = dict(block.models)
+    dynamics = PhysicsPredictor.load(checkpoints["contact"]).dynamics
+    belief = BeliefModel.load(checkpoints["belief"])
+    tracks = [trajectory.track for trajectory in block.draw()]
+    scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, max(STARTS) + FRAMES)
+    assumed: list[list[Relations]] = []
+    for frame, watched in zip(range(max(STARTS) + 1), watch(belief, unaware(scenes), seen), strict=False):
+        if frame in STARTS:
+            believed = believe(watched.view.state, belief.probabilities(watched).argmax(-1)).relations
+            relations = {"belief": believed} | assumptions(scenes, seen.bodies[:, : frame + 1])
+            assumed.append([relations[model] for model in MODELS])
+    errors = rollout_errors(dynamics, scenes, seen, STARTS, assumed).numpy()
+    return [CoupledErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))]
+
+
+def assumptions(scenes: SceneBatch, bodies: Float[Tensor, "batch frames bodies 3"]) -> dict[str, Relations]:
+    """Relations that are assumed without any belief, after the frames in which bodies were at `bodies`."""
+    touched = touched_pairs(adjacent_pairs(scenes, bodies[:, 0]), bodies)[:, -1]
+    return {
+        "oracle": scenes.relations,
+        "informed_oracle": only(scenes.relations, touched),
+        "no_joint": only(scenes.relations, torch.zeros_like(touched)),
+        "all_fixed": all_fixed(scenes, bodies[:, -1], ADJACENT),
+        "all_fixed_5cm": all_fixed(scenes, bodies[:, -1], WIDE),
+    }
+
+
+def only(relations: Relations, chosen: Bool[Tensor, "batch pairs"]) -> Relations:
+    """The joints of some pairs, and no others."""
+    return relations._replace(
+        kind=torch.where(chosen, relations.kind, JOINT_CODES["none"]),
+        known=torch.ones_like(relations.known),
+        remembered=relations.remembered & chosen,
+    )
+
+
+def all_fixed(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], gap: float) -> Relations:
+    """All pairs whose surfaces are nearer than `gap` (m) fixed as they stand, and no others."""
+    blank = hide_relations(scenes, ~rigid_pairs(scenes.group))
+    near = remember(blank, blank.relations, poses, gap)
+    fixed = torch.full_like(near.kind, JOINT_CODES["fixed"])
+    return believe(State(blank, poses, torch.zeros_like(poses), near), fixed).relations
+
+
+@torch.no_grad()
+def rollout_errors(
+    dynamics: Dynamics,
+    scenes: SceneBatch,
+    seen: Recording,
+    starts: Sequence[int],
+    assumed: Sequence[Sequence[Relations]],
+) -> Float[Tensor, "starts assumed batch"]:
+    """Mean position error (m), over frames and bodies, of rollouts from the true state in each of `starts`.
+
+    assumed: relations at each start. All are predicted side by side. What moved in the frame before is known, of bodies
+    and tool.
+    """
+    befores = [max(start - 1, 0) for start in starts]
+    states = [
+        State(scenes, seen.bodies[:, start], seen.bodies[:, start] - seen.bodies[:, before], relations)
+        for start, before, several in zip(starts, befores, assumed, strict=True)
+        for relations in several
+    ]
+    shape = len(starts), len(states) // len(starts), len(scenes.reach)
+
+    def from_starts(values: Tensor, course: list[list[int]]) -> Tensor:
+        """Frames of every start, alike for all that is assumed."""
+        chosen = values[:, torch.tensor(course)].transpose(0, 1)[:, None]
+        return chosen.expand(*shape, *chosen.shape[3:]).flatten(0, 2)
+
+    frames = [list(range(start, start + FRAMES)) for start in starts]
+    # The frame before the start only tells how the tool moved last; at the very start it rested.
+    course = [[before, *after] for before, after in zip(befores, frames, strict=True)]
+    steps = controls(from_starts(seen.tool, course), from_starts(seen.down, course))[1:]
+    predicted = follow(dynamics, concatenate(states), steps)
+    distance = (predicted - from_starts(seen.bodies, frames))[..., :2].norm(dim=-1).mean(-1).unflatten(0, shape)
+    there = (torch.tensor(frames)[:, None] < seen.lengths[:, None])[:, None]
+    return (distance * there).sum(-1) / there.sum(-1)

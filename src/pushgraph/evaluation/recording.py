@@ -1,0 +1,45 @@
+"""Tracks side by side as tensors, and beliefs that watch them."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pushgraph.belief import BeliefModel, Watch
+from pushgraph.graph.scene_batch import SceneBatch
+from pushgraph.track import Track
+
+
+class Recording(NamedTuple):
+    """The first frames of tracks with equally many bodies; shorter tracks go on as they ended, the tool lifted.
+
+    tool: pose_world_from_tool. down: whether it is down on the table. lengths: frames that each track truly has.
+    """
+
+    tool: Float[Tensor, "batch frames 3"]
+    bodies: Float[Tensor, "batch frames bodies 3"]
+    down: Bool[Tensor, "batch frames"]
+    lengths: Int[Tensor, " batch"]
+
+
+def record(tracks: Sequence[Track], frames: int) -> Recording:
+    """Stack the first frames of tracks."""
+    lengths = [min(frames, len(track.times)) for track in tracks]
+    beyond = [(0, frames - length) for length in lengths]
+    poses = [np.pad(t.poses[:frames], (rest, (0, 0), (0, 0)), "edge") for t, rest in zip(tracks, beyond, strict=True)]
+    down = [np.pad(track.down[:frames], rest) for track, rest in zip(tracks, beyond, strict=True)]
+    nodes = torch.from_numpy(np.stack(poses))
+    return Recording(nodes[:, :, 0], nodes[:, :, 1:], torch.from_numpy(np.stack(down)), torch.tensor(lengths))
+
+
+def watch(model: BeliefModel, scenes: SceneBatch, recording: Recording) -> Iterator[Watch]:
+    """Observe one frame after the other."""
+    everything = torch.ones_like(recording.bodies[:, 0, :, 0], dtype=torch.bool)
+    watched = None
+    for frame in zip(recording.bodies.unbind(1), recording.tool.unbind(1), recording.down.unbind(1), strict=True):
+        arguments = (*frame, everything)
+        watched = model.begin(scenes, *arguments) if watched is None else model.observe(watched, *arguments)
+        yield watched
