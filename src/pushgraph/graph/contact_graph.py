@@ -218,16 +218,20 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
     )
 
 
-def in_frame(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) -> Float[Tensor, "edges 3"]:
+def in_frame(
+    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
+) -> Float[Tensor, "*batch edges 3"]:
     """A twist in a contact frame, given that frame's x-axis; both in world axes."""
-    x, y = normal[:, 0], normal[:, 1]
-    return torch.stack((twist[:, 0] * x + twist[:, 1] * y, twist[:, 1] * x - twist[:, 0] * y, twist[:, 2]), -1)
+    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
+    return torch.stack((along * x + across * y, across * x - along * y, turn), -1)
 
 
-def in_world(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) -> Float[Tensor, "edges 3"]:
+def in_world(
+    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
+) -> Float[Tensor, "*batch edges 3"]:
     """A twist in world axes, given in the contact frame of this x-axis."""
-    x, y = normal[:, 0], normal[:, 1]
-    return torch.stack((twist[:, 0] * x - twist[:, 1] * y, twist[:, 0] * y + twist[:, 1] * x, twist[:, 2]), -1)
+    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
+    return torch.stack((along * x - across * y, along * y + across * x, turn), -1)
 
 
 def perpendicular(vectors: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
