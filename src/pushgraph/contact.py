@@ -14,6 +14,8 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from pushgraph.pose import as_complex
+
 TIE = {torch.float32: 1e-7, torch.float64: 1e-12}
 """A later candidate must be nearer than an earlier one by this much (m), so that rounding decides no tie."""
 
@@ -110,7 +112,7 @@ class _Face(NamedTuple):
     """The face of largest separation between two boxes, in the frame of a, without the radii."""
 
     normal: Complex[Tensor, "*batch"]  # from a to b
-    first: Complex[Tensor, "*batch 2"]  # on a and on b: the other box's corner nearest to the face, its foot on the face
+    first: Complex[Tensor, "*batch 2"]  # the other box's corner nearest to the face and its foot on it, on a and on b
     ends: Complex[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box, each on a and b
     looks_at_other: Bool[Tensor, "*batch"]  # whether there is such a stretch
 
@@ -119,10 +121,10 @@ def _views(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"
     yaw = pose_a_from_b[..., 2]
     turn = torch.complex(yaw.cos(), yaw.sin())
     back = turn.conj()
-    position = torch.view_as_complex(pose_a_from_b[..., :2].contiguous())
+    position = as_complex(pose_a_from_b[..., :2])
     rotation, position = torch.stack((turn, back), -1), torch.stack((position, -position * back), -1)
     half_extents = torch.stack((a.half_extents, b.half_extents), -2)
-    corners = torch.view_as_complex(half_extents.flip(-2)[..., None, :] * CORNERS.to(half_extents))
+    corners = as_complex(half_extents.flip(-2)[..., None, :] * CORNERS.to(half_extents))
     return _Views(half_extents, rotation, position, corners * rotation[..., None] + position[..., None])
 
 
@@ -139,7 +141,7 @@ def _nearest_points(views: _Views) -> Complex[Tensor, "*batch 2"]:
     apart = torch.linalg.vector_norm((corners - feet).detach(), dim=-1)
     # Corners of a, which are seen from b, come first where there is a tie.
     nearest = _first_smallest(apart.flip(-2).flatten(-2)) ^ 4
-    feet, corners = torch.view_as_complex(feet).flatten(-2), views.corners.flatten(-2)
+    feet, corners = as_complex(feet).flatten(-2), views.corners.flatten(-2)
     points = torch.stack((feet, corners), -1).take_along_dim(nearest[..., None, None], -2).squeeze(-2)
     from_a = nearest < 4
     rotation, position = views.in_frame_a(from_a)

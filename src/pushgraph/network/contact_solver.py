@@ -74,7 +74,7 @@ class ContactSolver(nn.Module):
             hidden = self.message(hidden.relu_()).relu_()
             total = _sums(hidden, order, received, weight.to(hidden.dtype))
             node = node + self.node_update(torch.cat((node, total), -1))
-            force = self.force(hidden).to(twist.dtype).t()
+            force = torch.addmm(self.force.bias[:, None], self.force.weight, hidden.t()).to(twist.dtype)
             change = torch.zeros_like(twist).index_add(0, graph.receiver, (of_force * force[..., None]).sum(0))
             damping = self.damping(node).to(twist.dtype)
             damping = torch.cat((damping[:, :1], damping), -1)
