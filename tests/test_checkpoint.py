@@ -12,7 +12,7 @@ from pushgraph import checkpoint as module
 from pushgraph.checkpoint import Checkpoint, content_hash, load_checkpoint, save_checkpoint, shipped
 from pushgraph.errors import CheckpointError
 from pushgraph.graph import contact_graph
-from pushgraph.network.dynamics import KINDS
+from pushgraph.network.dynamics import DYNAMICS
 
 CONFIG = {"hidden": 8, "steps": 2}
 
@@ -20,7 +20,7 @@ CONFIG = {"hidden": 8, "steps": 2}
 @pytest.fixture(params=["contact", "propnet"])
 def saved(request, tmp_path) -> tuple[Checkpoint, Path]:
     torch.manual_seed(3)
-    made = Checkpoint(request.param, CONFIG, KINDS[request.param](**CONFIG), {"samples": 5, "curve": [{"loss": 0.5}]})
+    made = Checkpoint(request.param, CONFIG, DYNAMICS[request.param](**CONFIG), {"samples": 5, "curve": [{"loss": 0.5}]})
     save_checkpoint(made, tmp_path / "a.safetensors")
     return made, tmp_path / "a.safetensors"
 
@@ -29,9 +29,9 @@ def test_what_is_written_is_what_is_read(saved) -> None:
     made, path = saved
     read = load_checkpoint(path)
     assert (read.kind, read.config, read.record) == (made.kind, made.config, made.record)
-    for name, values in made.dynamics.state_dict().items():
-        assert torch.equal(values, read.dynamics.state_dict()[name])
-    assert not read.dynamics.training
+    for name, values in made.network.state_dict().items():
+        assert torch.equal(values, read.network.state_dict()[name])
+    assert not read.network.training
 
 
 def rewrite(path: Path, edit, rehash: bool = True) -> None:
@@ -52,7 +52,7 @@ def rewrite(path: Path, edit, rehash: bool = True) -> None:
         (lambda h, t: h.update(format="other"), True, "not a checkpoint of pushgraph"),
         (lambda h, t: h["record"].update(samples=10**9), False, "does not match its hash"),
         (lambda h, t: next(iter(t.values())).add_(1e-3), False, "does not match its hash"),
-        (lambda h, t: h.update(kind="magic"), True, "no predictor 'magic'; valid: propnet, contact"),
+        (lambda h, t: h.update(kind="magic"), True, "no network 'magic'; valid: propnet, contact, belief, paper_recipe"),
         (lambda h, t: h["schema"]["edge_features"].pop(), True, r"other features \(edge_features\)"),
         (lambda h, t: h["config"].update(hidden=9), True, "do not fit its config"),
         (lambda h, t: t.pop(next(iter(t))), True, "do not fit its config"),

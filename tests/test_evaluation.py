@@ -8,7 +8,7 @@ from pushgraph.checkpoint import Checkpoint, save_checkpoint
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.physics import HORIZONS, evaluate_physics, histogram
 from pushgraph.evaluation.results import Results
-from pushgraph.network.dynamics import KINDS
+from pushgraph.network.dynamics import DYNAMICS
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.simulation.setups import draw_trajectory
 
@@ -23,7 +23,7 @@ def models(tmp_path_factory) -> dict[str, str]:
         torch.manual_seed(0)
         config = {"hidden": 8, "steps": 2}
         paths[kind] = str(folder / f"{kind}.safetensors")
-        save_checkpoint(Checkpoint(kind, config, KINDS[kind](**config), {}), paths[kind])
+        save_checkpoint(Checkpoint(kind, config, DYNAMICS[kind](**config), {}), paths[kind])
     return paths
 
 

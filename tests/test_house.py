@@ -26,6 +26,8 @@ ORDER = [
     "network",
     "checkpoint",
     "physics",
+    "belief",
+    "regulator",
     "training",
     "evaluation",
     "viewer",

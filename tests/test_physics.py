@@ -14,7 +14,7 @@ from pushgraph.body import Joint
 from pushgraph.checkpoint import Checkpoint, save_checkpoint
 from pushgraph.cli import main
 from pushgraph.errors import CheckpointError, PredictionError
-from pushgraph.network.dynamics import KINDS
+from pushgraph.network.dynamics import DYNAMICS
 from pushgraph.physics import MODELS, PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
@@ -133,7 +133,7 @@ def test_a_scene_without_pushes_is_one_frame() -> None:
 
 def test_a_pose_that_is_not_finite_stops_the_rollout_and_is_kept(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PUSHGRAPH_CACHE", str(tmp_path))
-    dynamics = KINDS["contact"](hidden=8, steps=2)
+    dynamics = DYNAMICS["contact"](hidden=8, steps=2)
     with torch.no_grad():
         dynamics.solver.force.bias.fill_(float("inf"))
     with pytest.raises(PredictionError, match=r"body \d is not finite at frame \d+"):
@@ -143,7 +143,7 @@ def test_a_pose_that_is_not_finite_stops_the_rollout_and_is_kept(tmp_path, monke
 
 def test_a_checkpoint_of_ones_own_is_loaded_by_its_path(tmp_path) -> None:
     torch.manual_seed(0)
-    made = KINDS["contact"](hidden=8, steps=2)
+    made = DYNAMICS["contact"](hidden=8, steps=2)
     save_checkpoint(Checkpoint("contact", {"hidden": 8, "steps": 2}, made, {}), tmp_path / "mine.safetensors")
     predictor = load(str(tmp_path / "mine.safetensors"))
     assert all(torch.equal(a, b) for a, b in zip(made.parameters(), predictor.dynamics.parameters(), strict=True))

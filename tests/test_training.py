@@ -50,7 +50,7 @@ def short_validation(monkeypatch) -> None:
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:
-    return load_checkpoint(path).dynamics.state_dict()
+    return load_checkpoint(path).network.state_dict()
 
 
 @pytest.mark.parametrize("model", ["contact", "propnet"])
@@ -103,7 +103,7 @@ def test_two_processes_train_together_and_end_with_the_one_that_started_them(dat
         command += [f"--{name.replace('_', '-')}", str(value)]
     done = subprocess.run([*command, "--samples", "640"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "Validation after 50 frames" in done.stdout
+    assert "mean error (cm)" in done.stdout
     assert load_checkpoint(out).record["training"]["processes"] == 2
     assert len(list(tmp_path.glob("training/*/curve.png"))) == 1
 

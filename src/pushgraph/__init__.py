@@ -21,6 +21,8 @@ _MODULE_OF = {
     "Track": "pushgraph.track",
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "PhysicsPredictor": "pushgraph.physics",
+    "BeliefModel": "pushgraph.belief",
+    "BeliefRegulator": "pushgraph.regulator",
     "draw_trajectory": "pushgraph.simulation.setups",
     "generate": "pushgraph.dataset.generate",
     "Dataset": "pushgraph.dataset.store",

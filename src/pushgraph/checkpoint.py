@@ -1,4 +1,4 @@
-"""Checkpoints: the weights of a predictor with everything that makes sense of them, in one safetensors file.
+"""Checkpoints: the weights of a network with everything that makes sense of them, in one safetensors file.
 
 The file's metadata holds a JSON header: kind and config of the network, names of its features, the record of its
 training, and a hash of all that and the weights. Loading checks every part and fails loudly; there is no pickle.
@@ -18,26 +18,34 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from pushgraph.errors import CheckpointError
-from pushgraph.network.dynamics import KINDS
+from pushgraph.network.belief_network import BELIEFS
+from pushgraph.network.dynamics import DYNAMICS
 from pushgraph.storage import replacing
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
+KINDS = {**DYNAMICS, **BELIEFS}
+"""Every network by name."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A predictor, its kind and config, and the record of its training."""
+    """A network, its kind and config, and the record of its training.
+
+    physics: hash of the checkpoint of the physics network that a belief stands on. hash: its own, once it is saved.
+    """
 
     kind: str
     config: Mapping[str, Any]
-    dynamics: nn.Module
+    network: nn.Module
     record: Mapping[str, Any]
+    physics: str | None = None
+    hash: str | None = None
 
 
 def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
     """Write a checkpoint, whole or not at all."""
-    tensors = {name: values.detach().cpu().contiguous() for name, values in checkpoint.dynamics.state_dict().items()}
+    tensors = {name: values.detach().cpu().contiguous() for name, values in checkpoint.network.state_dict().items()}
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -46,6 +54,8 @@ def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
         "schema": KINDS[checkpoint.kind].schema(),
         "record": dict(checkpoint.record),
     }
+    if checkpoint.physics is not None:
+        header["physics"] = checkpoint.physics
     header["hash"] = content_hash(header, tensors)
     with replacing(path) as temporary:
         temporary.write_bytes(save(tensors, {"pushgraph": json.dumps(header, sort_keys=True)}))
@@ -66,22 +76,23 @@ def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
         raise CheckpointError(
             f"{path}: checkpoint version {header.get('version')}; this pushgraph reads {VERSION}: train it anew"
         )
-    if header.pop("hash", None) != content_hash(header, tensors):
+    digest = header.pop("hash", None)
+    if digest != content_hash(header, tensors):
         raise CheckpointError(f"{path}: its content does not match its hash: it was changed or damaged")
     if header["kind"] not in KINDS:
-        raise CheckpointError(f"{path}: no predictor {header['kind']!r}; valid: {', '.join(KINDS)}")
+        raise CheckpointError(f"{path}: no network {header['kind']!r}; valid: {', '.join(KINDS)}")
     schema = KINDS[header["kind"]].schema()
     if header["schema"] != schema:
         changed = [name for name in schema if header["schema"].get(name) != schema[name]]
         raise CheckpointError(f"{path}: trained on other features ({', '.join(changed)}); train it anew")
-    dynamics = KINDS[header["kind"]](**header["config"])
+    network = KINDS[header["kind"]](**header["config"])
     try:
-        dynamics.load_state_dict(tensors)
+        network.load_state_dict(tensors)
     except RuntimeError as error:
         raise CheckpointError(f"{path}: its weights do not fit its config: {error}") from None
     if not all(values.isfinite().all() for values in tensors.values()):
         raise CheckpointError(f"{path}: it holds weights that are not finite")
-    return Checkpoint(header["kind"], header["config"], dynamics.eval(), header["record"])
+    return Checkpoint(header["kind"], header["config"], network.eval(), header["record"], header.get("physics"), digest)
 
 
 def content_hash(header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> str:

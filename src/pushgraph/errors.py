@@ -47,3 +47,7 @@ class PredictionError(PushGraphError):
 
 class EvaluationError(PushGraphError):
     """An evaluation cannot be run as asked."""
+
+
+class BeliefError(PushGraphError):
+    """What was observed cannot be, or cannot be learnt from."""

@@ -14,10 +14,10 @@ from torch import Tensor
 
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import PredictionError
+from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import State, controls, start
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.storage import cache_folder, replacing
@@ -72,8 +72,10 @@ class PhysicsPredictor:
             raise PredictionError(f"no precision {precision!r}; valid: {', '.join(PRECISIONS)}")
         path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
-        dynamics = checkpoint.dynamics.to(device, PRECISIONS[precision]).requires_grad_(False)
-        return cls(dynamics, checkpoint.record)
+        if checkpoint.kind not in DYNAMICS:
+            raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
+        network = checkpoint.network.to(device, PRECISIONS[precision]).requires_grad_(False)
+        return cls(network, checkpoint.record)
 
     def start(self, scenes: Sequence[Scene]) -> State:
         """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned."""

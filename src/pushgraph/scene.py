@@ -31,6 +31,8 @@ OVERLAP = 1e-3
 
 LONGEST_PUSH = 600.0
 """A push that takes longer (s) is refused: a speed or a rotation that nobody meant."""
+SWING, SLIDE = math.pi / 2, 0.08
+"""How far a hinge turns to either side (rad), and a slider moves apart (m), unless a joint says otherwise."""
 NOMINAL_MASS = 0.6
 NOMINAL_TABLE_FRICTION = 0.45
 NOMINAL_SIDE_FRICTION = 0.25
@@ -80,8 +82,8 @@ def place_joint(
     axis = axis / length if length > 1e-9 else np.array([1.0, 0.0])
     default = {
         "fixed": (0.0, 0.0),
-        "revolute": (-math.pi / 2, math.pi / 2),
-        "prismatic": (-max(gap, 0.0), 0.08),
+        "revolute": (-SWING, SWING),
+        "prismatic": (-max(gap, 0.0), SLIDE),
     }[joint.kind]
     return JointFrame(anchor, axis, joint.limits or default)
 

@@ -51,10 +51,7 @@ def physics(
     `torchrun --nproc-per-node 8 -m pushgraph train physics --device cuda --data planar.h5 --validation validation.h5
     --out contact.safetensors`
     """
-    from pushgraph.storage import cache_folder
     from pushgraph.training.physics import PhysicsTraining, train_physics
-    from pushgraph.training.processes import become_torchrun, started_by_torchrun
-    from pushgraph.viewer.curve import save_curve
 
     training = PhysicsTraining(
         model=model,
@@ -70,24 +67,97 @@ def physics(
         seed=seed,
         start_from=None if start_from is None else str(start_from),
     )
+    _conduct(training, train_physics, processes, device, cache, out, _PHYSICS_COLUMNS)
+
+
+@app.command("belief")
+def belief(
+    data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")],
+    validation: Annotated[Path, typer.Option(help="Scenes whose joints choose the weights.")],
+    out: Annotated[Path, typer.Option(help="The checkpoint, safetensors.")],
+    model: Annotated[str, typer.Option(help="belief (ours) or paper_recipe.")] = "belief",
+    samples: Annotated[int, typer.Option(min=1, help="Observed frames of sequences, all in all.")] = 10_000_000,
+    frames: Annotated[int, typer.Option(min=2, help="Frames observed in a row.")] = 200,
+    batch: Annotated[int, typer.Option(min=1, help="Sequences in a step, over all processes.")] = 16,
+    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the memory.")] = 64,
+    precision: Annotated[str, typer.Option(help="float32 or bfloat16.")] = "float32",
+    seed: Annotated[int, typer.Option(min=0, help="Of first weights and batches.")] = 0,
+    start_from: Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")] = None,
+    processes: Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")] = (
+        os.cpu_count() or 1
+    ),
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    cache: Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")] = (
+        None
+    ),
+) -> None:
+    """Train belief regulation on top of the shipped physics weights, which stay as they are.
+
+    Examples:
+
+    `pushgraph train belief --data planar.h5 --validation validation.h5 --out belief.safetensors`
+
+    `pushgraph train belief --model paper_recipe --hidden 256 --frames 100 --data planar.h5 --validation validation.h5
+    --out paper_recipe.safetensors`
+    """
+    from pushgraph.training.belief import BeliefTraining, train_belief
+
+    training = BeliefTraining(
+        model=model,
+        data=str(data),
+        validation=str(validation),
+        samples=samples,
+        frames=frames,
+        batch=batch,
+        learning_rate=learning_rate,
+        hidden=hidden,
+        precision=precision,
+        seed=seed,
+        start_from=None if start_from is None else str(start_from),
+    )
+    _conduct(training, train_belief, processes, device, cache, out, _BELIEF_COLUMNS)
+
+
+_PHYSICS_COLUMNS = {
+    "mean error (cm)": "mean_error_cm",
+    "final error, moved (cm)": "final_error_moved_cm",
+    "displacement (cm)": "displacement_moved_cm",
+}
+_BELIEF_COLUMNS = {
+    "surprise, adjacent": "nll_adjacent",
+    "wrong at 40": "error_touched_40",
+    "at 200": "error_touched_200",
+    "at 40, noise": "error_touched_40_noisy",
+    "at 200, noise": "error_touched_200_noisy",
+}
+"""What a validation tells, by the names of its columns; belief's errors are shares of touched pairs."""
+
+
+def _conduct(training, train, processes: int, device: str, cache: Path | None, out: Path, columns) -> None:
+    from pushgraph.storage import cache_folder
+    from pushgraph.training.processes import become_torchrun, started_by_torchrun
+    from pushgraph.viewer.curve import save_curve
+
     if processes > 1 and not started_by_torchrun():
         become_torchrun(processes, sys.argv[1:])
     place = cache or cache_folder()
-    reporter = _TrainingReporter(training)
+    reporter = _TrainingReporter(training, columns)
     with reporter.progress:
-        now = train_physics(training, place, out, device, reporter.tell)
+        now = train(training, place, out, device, reporter.tell)
     if now is None:
         return
     console.print(reporter.table(now))
     curve = training.folder(place) / "curve.png"
-    save_curve(now.curve, curve)
+    save_curve(now.curve, next(iter(columns.values())), next(iter(columns)), curve)
     console.print(f"Written: {out}, {curve}", soft_wrap=True, markup=False)
 
 
 class _TrainingReporter:
     """Shows how a training goes: a bar with the time left, a line a validation, at the end curve and table."""
 
-    def __init__(self, training) -> None:
+    def __init__(self, training, columns: dict[str, str]) -> None:
+        self._training, self._columns = training, columns
         self._leads = os.environ.get("RANK", "0") == "0"
         self.progress = Progress(
             TextColumn("{task.description}", markup=False),
@@ -100,38 +170,34 @@ class _TrainingReporter:
             console=console,
             disable=not self._leads,
         )
-        self._bar = self.progress.add_task(f"physics, {training.model}", total=training.steps, loss="")
+        self._bar = self.progress.add_task(f"{training.TASK}, {training.model}", total=training.steps, loss="")
         self._told = None
 
-    def tell(self, training, now, loss: float) -> None:
+    def tell(self, now, loss: float) -> None:
         if not self._leads:
             return
         if self._told is None:
             self._told = len(now.curve)
-            self._begun = now.step - 1
-            self.progress.update(self._bar, completed=self._begun)
+            self.progress.update(self._bar, completed=now.step - 1)
         self.progress.update(self._bar, completed=now.step, loss=f"loss {loss:.3f}")
         if len(now.curve) > self._told:
             self._told = len(now.curve)
             last = now.curve[-1]
-            left = (training.steps - now.step) * now.seconds / now.step
-            errors = [last[name] for name in ("mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")]
+            left = (self._training.steps - now.step) * now.seconds / now.step
+            numbers = ", ".join(f"{name} {last[key]:.3f}" for name, key in self._columns.items())
             console.print(
-                f"step {now.step} of {training.steps}, {now.seconds:.0f} s, {left:.0f} s left: "
-                f"loss {last['loss']:.4f}; "
-                "validation, 50 frames: mean error {:.3f} cm, final error of moved objects {:.2f} of {:.1f} cm".format(
-                    *errors
-                ),
+                f"step {now.step} of {self._training.steps}, {now.seconds:.0f} s, {left:.0f} s left: "
+                f"loss {last['loss']:.4f}; validation: {numbers}",
                 highlight=False,
                 soft_wrap=True,
             )
 
     def table(self, now) -> Table:
-        table = Table(title="Validation after 50 frames")
-        for name in ("step", "time (s)", "loss", "mean error (cm)", "final error, moved (cm)", "displacement (cm)"):
+        table = Table(title="Validation")
+        for name in ("step", "time (s)", "loss", *self._columns):
             table.add_column(name, justify="right")
         for row in now.curve:
-            numbers = [row[name] for name in ("mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")]
+            numbers = [row[key] for key in self._columns.values()]
             best = " *" if numbers[0] == now.best else ""
             columns = [f"{row['seconds']:.0f}", f"{row['loss']:.4f}", *(f"{number:.3f}" for number in numbers)]
             table.add_row(f"{row['step']}{best}", *columns)

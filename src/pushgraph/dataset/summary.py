@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pushgraph.contact import signed_gap
 from pushgraph.pose import relative
 from pushgraph.shape import rounded_boxes, take
-from pushgraph.simulation.articulation import KINDS
+from pushgraph.simulation.articulation import DYNAMICS
 from pushgraph.simulation.setups import REJECTIONS, TOUCHED, Trajectory
 from pushgraph.track import Track
 
@@ -25,7 +25,7 @@ COLUMNS = np.dtype(
         ("displacement_m", "f4"),
         ("pushes", "i4"),
         ("effective_pushes", "i4"),
-        *((f"joints_{kind}", "i4") for kind in KINDS),
+        *((f"joints_{kind}", "i4") for kind in DYNAMICS),
         *((f"rejected_{name}", "i4") for name in REJECTIONS),
     ]
 )
@@ -50,7 +50,7 @@ def summarize(trajectory: Trajectory) -> np.ndarray:
     row["effective_pushes"] = sum(
         _travelled(track.poses[frames[0]], track.poses[frames[-1]]).max() > TOUCHED for frames in pushes
     )
-    for kind in KINDS:
+    for kind in DYNAMICS:
         row[f"joints_{kind}"] = joints[kind]
     for name, reason in REJECTIONS.items():
         row[f"rejected_{name}"] = trajectory.rejected[reason]
@@ -68,7 +68,7 @@ def table(rows: np.ndarray) -> Mapping[str, str]:
     return {
         "trajectories": f"{len(rows)}",
         "frames": f"{frames} ({frames / len(rows):.0f} a trajectory)",
-        "joints": ", ".join(f"{rows[f'joints_{kind}'].sum()} {kind}" for kind in KINDS),
+        "joints": ", ".join(f"{rows[f'joints_{kind}'].sum()} {kind}" for kind in DYNAMICS),
         "moved bodies": f"{bodies.mean():.1f} a trajectory, by {displacement * 100:.1f} cm on average",
         "pushes": f"{every_push:.1%} of trajectories have every push move a body by {TOUCHED * 1e3:g} mm",
         "penetration": f"at most {OVERLAP_LIMIT * 1e3:g} mm in {clean:.3%} of frames, "

@@ -52,7 +52,8 @@ class ContactGraph(NamedTuple):
     in contact frame (LEVER). offsets: what stands between the ends of these three, in steps: gap, 0, gap, 0, drift.
     turn: of the sender relative to the receiver since the joint was made, in steps. slack: room to the joint's limits,
     in steps; slack_axis: which of the drift's components and the turn use it up. compliance: squared ratio of LEVER
-    to how hard the receiver is to turn.
+    to how hard the receiver is to turn. relation: where the edge stands in [batch * pairs * 2], the pair's later body
+    being the receiver of the second; -1 for the tool's.
     """
 
     nodes: Float[Tensor, "nodes node_features"]
@@ -71,6 +72,7 @@ class ContactGraph(NamedTuple):
     turn: Float[Tensor, " edges"]
     slack: Float[Tensor, "edges 2"]
     slack_axis: Float[Tensor, "edges 3"]
+    relation: Int[Tensor, " edges"]
     pieces: Pieces
 
 
@@ -215,6 +217,7 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
         turn=edges[:, column["turn_steps"]],
         slack=edges[:, column["slack_low_steps"] : column["slack_low"]],
         slack_axis=torch.cat((axis, hinge), -1),
+        relation=_relation(near, mirrored, relations.kind.shape[1]),
         pieces=nodes.pieces,
     )
 
@@ -272,6 +275,11 @@ _SWAPPED = _exchanged("receiver", "sender", EDGE_FEATURES)
 _OTHER_END = [EDGE_FEATURES.index(name) for name in _SWAPPED]
 _OTHER_END_OF_HINGE = [EDGE_FEATURES.index(name) for name in _exchanged("slack_low", "slack_high", _SWAPPED)]
 _SIGN = [-1.0 if re.search("_lever_|^turn|_last_[xy]", name) else 1.0 for name in EDGE_FEATURES]
+
+
+def _relation(near: Near, mirrored: Tensor, pairs: int) -> Tensor:
+    first = 2 * (near.scene * pairs + near.pair)
+    return torch.cat((torch.where(near.pair >= 0, first, -1), first[mirrored] + 1))
 
 
 def in_frame(

@@ -32,7 +32,11 @@ CONSTANTS = {"near": NEAR, "length": LENGTH, "size": SIZE, "displacement": DISPL
 
 
 class PropnetGraph(NamedTuple):
-    """One flat graph of many scenes; node k of [batch * (bodies + parts)] stands at row `place`[k], if it is there."""
+    """One flat graph of many scenes. slot: which of [batch * (bodies + parts)] a node is.
+
+    relation: where an edge stands in [batch * pairs * 2], the pair's later body being the receiver of the second; -1
+    for those of the tool.
+    """
 
     nodes: Float[Tensor, "nodes node_features"]
     edges: Float[Tensor, "edges edge_features"]
@@ -40,6 +44,7 @@ class PropnetGraph(NamedTuple):
     sender: Int[Tensor, " edges"]
     slot: Int[Tensor, " nodes"]
     yaw: Float[Tensor, " nodes"]
+    relation: Int[Tensor, " edges"]
     pieces: Pieces
 
 
@@ -77,7 +82,10 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
     kind = torch.zeros_like(scene)
     both = sender < bodies
     low, high = torch.minimum(receiver, sender)[both], torch.maximum(receiver, sender)[both]
-    kind[both] = state.relations.kind[scene[both], pair_index(low, high, bodies)]
+    pair = pair_index(low, high, bodies)
+    kind[both] = state.relations.kind[scene[both], pair]
+    relation = torch.full_like(scene, -1)
+    relation[both] = 2 * (scene[both] * state.relations.kind.shape[1] + pair) + (receiver[both] == high)
     receiver, sender = scene * width + receiver, scene * width + sender
 
     unit = velocity.new_tensor([DISPLACEMENT, DISPLACEMENT, TURN])
@@ -109,6 +117,7 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
         sender=place[sender],
         slot=slot,
         yaw=all_poses[slot, 2],
+        relation=relation,
         pieces=gather_pieces(scenes, scenes.group, poses[..., :2]),
     )
 

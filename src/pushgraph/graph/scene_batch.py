@@ -1,7 +1,7 @@
 """Many scenes as tensors: what does not change while they are pushed."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -24,6 +24,7 @@ from pushgraph.shape import mean_radius, rounded_boxes
 JOINT_CODES = {"none": 0, "fixed": 1, "prismatic": 2, "revolute": 3}
 """The paper's codes of joints."""
 Index = int | Int[Tensor, "*batch"]
+Batch = TypeVar("Batch")
 
 
 class Relations(NamedTuple):
@@ -72,11 +73,11 @@ class SceneBatch(NamedTuple):
 
     def take(self, index: Int[Tensor, " scenes"]) -> "SceneBatch":
         """Some of the scenes, in the order of `index`."""
-        return _map(lambda values: values[index], self)
+        return map_tensors(lambda values: values[index], self)
 
     def to(self, device: torch.device | str) -> "SceneBatch":
         """The same on another device."""
-        return _map(lambda values: values.to(device), self)
+        return map_tensors(lambda values: values.to(device), self)
 
 
 def pairs_of(bodies: int, device: torch.device | str = "cpu") -> Int[Tensor, "2 pairs"]:
@@ -265,7 +266,13 @@ def _known_pairs(scene: Scene, index: dict[str, int], bodies: int) -> np.ndarray
     return known
 
 
-def _map(function, batch):
-    if isinstance(batch, Tensor):
-        return function(batch)
-    return type(batch)(*(_map(function, values) for values in batch))
+def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
+    """Apply a function to the tensors of nested batches that stand at the same place."""
+    if isinstance(batches[0], Tensor):
+        return function(*batches)
+    return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))
+
+
+def concatenate(batches: Sequence[Batch]) -> Batch:
+    """One batch of several of the same kind and width."""
+    return map_tensors(lambda *tensors: torch.cat(tensors), *batches)

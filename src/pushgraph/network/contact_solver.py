@@ -6,6 +6,8 @@ and answers with a message and with forces at its contacts and its joint; a node
 and its latent by the messages. Directions enter and leave in contact frames only, so the motion turns with the scene.
 """
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -27,8 +29,18 @@ FORCES = 7
 """What an edge answers with: forces at two contacts and the joint, in contact frame, and a torque."""
 
 
+class Solution(NamedTuple):
+    """Twist of every node about its centre of mass, world axes, in steps of the tool, angles times LEVER.
+
+    Zero where the tool does not move. messages: the last of every edge.
+    """
+
+    twist: Float[Tensor, "nodes 3"]
+    messages: Float[Tensor, "edges hidden"]
+
+
 class ContactSolver(nn.Module):
-    """Twists of a graph's nodes, in steps of the tool; zero where the tool does not move."""
+    """Finds the twists of a graph's nodes."""
 
     def __init__(self, hidden: int = 96, steps: int = 6) -> None:
         super().__init__()
@@ -48,8 +60,8 @@ class ContactSolver(nn.Module):
             self.force.weight *= 0.1
             self.force.bias.zero_()
 
-    def forward(self, graph: ContactGraph) -> Float[Tensor, "nodes 3"]:
-        """Twist of every node about its centre of mass, world axes, in steps; angles times LEVER.
+    def forward(self, graph: ContactGraph) -> Solution:
+        """Solve one frame.
 
         Latents have the precision of the weights, estimates always that of the graph.
         """
@@ -79,7 +91,7 @@ class ContactSolver(nn.Module):
             damping = self.damping(node).to(twist.dtype)
             damping = torch.cat((damping[:, :1], damping), -1)
             twist = twist + free * (change + damping * twist)
-        return twist
+        return Solution(twist, hidden)
 
 
 def _sums(rows: Tensor, index: Tensor, starts: Tensor, weight: Tensor | None = None) -> Tensor:

@@ -6,6 +6,7 @@ computed where it lives, on an object once and not on each of its relations: the
 """
 
 import itertools
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -14,8 +15,15 @@ from torch import Tensor, nn
 from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES, PropnetGraph
 
 
+class Propagated(NamedTuple):
+    """Motion of every node in its own frame, in units of features, and what the edges passed on last."""
+
+    motion: Float[Tensor, "nodes 3"]
+    effects: Float[Tensor, "edges hidden"]
+
+
 class PropagationNetwork(nn.Module):
-    """Motion of every node in its own frame, in units of features."""
+    """The paper's network."""
 
     def __init__(self, hidden: int = 256, steps: int = 5, dropout: float = 0.1) -> None:
         super().__init__()
@@ -28,8 +36,8 @@ class PropagationNetwork(nn.Module):
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 3))
 
-    def forward(self, graph: PropnetGraph) -> Float[Tensor, "nodes 3"]:
-        """Velocities of every node, own frame; computed in the precision of the weights."""
+    def forward(self, graph: PropnetGraph) -> Propagated:
+        """Propagate through a graph, in the precision of the weights."""
         precision = self.head[0].weight.dtype
         objects = self.object_encoder(graph.nodes.to(precision))
         relations = self.relation_from_relation(self.relation_encoder(graph.edges.to(precision)))
@@ -40,7 +48,7 @@ class PropagationNetwork(nn.Module):
             relation = (relation + to_sender.index_select(0, graph.sender)).relu()
             total = torch.zeros_like(effect).index_add(0, graph.receiver, relation)
             effect = self.dropout((self.object_propagator(torch.cat((objects, total), -1)) + effect).relu())
-        return self.head(effect).to(graph.nodes.dtype)
+        return Propagated(self.head(effect).to(graph.nodes.dtype), relation)
 
 
 def _mlp(inputs: int, hidden: int, layers: int) -> nn.Sequential:

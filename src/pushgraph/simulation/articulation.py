@@ -10,7 +10,7 @@ from pushgraph.body import Joint
 from pushgraph.scene import Scene
 from pushgraph.simulation.placement import NEIGHBOUR_GAP
 
-KINDS = ("fixed", "revolute", "prismatic")
+DYNAMICS = ("fixed", "revolute", "prismatic")
 JOINTS = (2, 6)
 """Fewest and most joints of a scene, as far as its neighbours allow."""
 
@@ -34,7 +34,7 @@ def draw_joints(rng: np.random.Generator, scene: Scene) -> tuple[Joint, ...]:
     fewest, most = (min(bound, len(forest)) for bound in JOINTS)
     count = int(rng.integers(fewest, most + 1))
     return tuple(
-        Joint(kind=KINDS[rng.integers(len(KINDS))], parent=scene.names[first], child=scene.names[second])
+        Joint(kind=DYNAMICS[rng.integers(len(DYNAMICS))], parent=scene.names[first], child=scene.names[second])
         for first, second in forest[:count]
     )
 

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from safetensors.torch import save
@@ -26,7 +26,16 @@ DECAY = 1e-4
 
 @runtime_checkable
 class Task(Protocol):
-    """What is trained: a loss for every step, and a validation whose first number shall be small."""
+    """What is trained: a loss for every step, and a validation whose first number shall be small.
+
+    numbers: names of the validation's. data_recipe, validation_recipe: of the datasets. physics: hash of the
+    checkpoint that the network stands on, if it does.
+    """
+
+    numbers: tuple[str, ...]
+    data_recipe: dict[str, Any]
+    validation_recipe: dict[str, Any]
+    physics: str | None
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Loss of one batch; depends on the weights, the step and this process's rank alone."""
@@ -61,12 +70,11 @@ def train(
     schedule: Schedule,
     running: RunningCheckpoint,
     processes: Processes,
-    names: tuple[str, ...],
     tell: Callable[[Progress, float], None],
 ) -> Progress:
     """Train a network and leave the weights that validated best in it; goes on from the running checkpoint.
 
-    `names` are those of the validation's numbers. `tell` is called after every step with the progress and the loss.
+    `tell` is called after every step with the progress and the loss.
     Raises TrainingError if a loss is not finite; the state that caused it is saved then.
     """
     optimizer = torch.optim.AdamW(
@@ -94,7 +102,7 @@ def train(
         if schedule.validates_after(step):
             numbers = _validated(network, task, processes)
             now.curve.append({"step": step + 1, "seconds": now.seconds, "loss": sum(losses) / len(losses)})
-            now.curve[-1] |= dict(zip(names, numbers, strict=True))
+            now.curve[-1] |= dict(zip(task.numbers, numbers, strict=True))
             losses = []
             if numbers[0] < now.best:
                 now.best = numbers[0]

@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from pushgraph.storage import replacing
 
 
-def save_curve(curve: Sequence[Mapping[str, float]], path: str | os.PathLike) -> None:
-    """Draw the rows of a training's curve (see `training.running.Progress`)."""
+def save_curve(curve: Sequence[Mapping[str, float]], number: str, label: str, path: str | os.PathLike) -> None:
+    """Draw the rows of a training's curve (see `training.running.Progress`): the loss, and one of the numbers."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     minutes = [row["seconds"] / 60 for row in curve]
-    panels = (("loss", "loss"), ("mean_error_cm", "mean rollout error, 50 frames (cm)"))
+    panels = (("loss", "loss"), (number, f"validation: {label}"))
     for axes, (name, label) in zip(figure.subplots(1, 2), panels, strict=True):
         axes.plot(minutes, [row[name] for row in curve], marker=".")
         axes.set(xlabel="minutes", ylabel=label, yscale="log")

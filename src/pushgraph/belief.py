@@ -1,0 +1,197 @@
+"""Belief regulation: what is joined to what, learnt by watching, corrected as more is seen."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.errors import CheckpointError
+from pushgraph.graph.joint_truth import rigid_pairs
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
+from pushgraph.graph.watching import Frame, View, first_look, look
+from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
+
+CHUNK = 1024
+"""Scene-frames whose evidence is computed together."""
+STRANGERS = 0.999
+"""Joints join neighbours: probability that a pair which was never adjacent is not joined, unless by a fixed chain."""
+
+
+class Watch(NamedTuple):
+    """Scenes being watched, with what is believed of them. begun: pairs whose memory has begun."""
+
+    view: View
+    relations: Float[Tensor, "batch pairs 2 state"]
+    objects: Float[Tensor, "bodies state"]
+    begun: Bool[Tensor, "batch pairs"]
+
+
+class BeliefModel:
+    """A trained belief network with the frozen physics network that it stands on.
+
+    record: how it was trained.
+    """
+
+    def __init__(self, network: nn.Module, dynamics: nn.Module, record: Mapping[str, Any] | None = None) -> None:
+        self.network, self.dynamics, self.record = network, dynamics, dict(record or {})
+
+    @classmethod
+    def load(cls, model: str | os.PathLike = "belief", device: str = "cpu") -> "BeliefModel":
+        """Load a shipped belief by name, or the checkpoint in a file, with the shipped physics weights below it.
+
+        Raises CheckpointError if any part of them is not what it should be.
+        """
+        path = shipped(str(model)) if str(model) in BELIEFS and not Path(model).is_file() else Path(model)
+        checkpoint = load_checkpoint(path)
+        if checkpoint.kind not in BELIEFS:
+            raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no belief; valid: {', '.join(BELIEFS)}")
+        physics = load_checkpoint(shipped(checkpoint.network.PHYSICS))
+        if checkpoint.physics != physics.hash:
+            raise CheckpointError(
+                f"{path}: trained on other weights of {physics.kind} than those shipped; train it anew"
+            )
+        networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, physics))
+        return cls(*networks, checkpoint.record)
+
+    @torch.no_grad()
+    def begin(
+        self,
+        scenes: SceneBatch,
+        poses: Float[Tensor, "batch bodies 3"],
+        tool: Float[Tensor, "batch 3"],
+        down: Bool[Tensor, " batch"],
+        seen: Bool[Tensor, "batch bodies"],
+    ) -> Watch:
+        """Watch scenes from their first frame on; what is known of their joints is taken as given."""
+        view, frame = first_look(scenes, poses, tool, down, seen)
+        batch, pairs = frame.in_sight.shape
+        watch = Watch(
+            view,
+            poses.new_zeros(batch, pairs, 2, self.network.width, dtype=torch.float32),
+            poses.new_zeros(batch * poses.shape[1], self.network.hidden, dtype=torch.float32),
+            torch.zeros_like(frame.in_sight),
+        )
+        return self._learn(watch, view, frame)
+
+    @torch.no_grad()
+    def observe(
+        self,
+        watch: Watch,
+        poses: Float[Tensor, "batch bodies 3"],
+        tool: Float[Tensor, "batch 3"],
+        down: Bool[Tensor, " batch"],
+        seen: Bool[Tensor, "batch bodies"],
+    ) -> Watch:
+        """One frame more."""
+        return self._learn(watch, *look(watch.view, poses, tool, down, seen))
+
+    def _learn(self, watch: Watch, view: View, frame: Frame) -> Watch:
+        evidence = evidence_of(self.network, self.dynamics, frame)
+        rows = Rows.of(evidence.active, frame.first.shape[1])
+        memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
+        encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
+        memory = self.network.step(memory, rows, encoded, torch.ones_like(rows.scene, dtype=torch.bool))
+        relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
+        return Watch(view, relations, memory.objects, watch.begun | evidence.active)
+
+    @torch.no_grad()
+    def probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
+        """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
+        bodies = watch.view.first.shape[1]
+        rows = Rows.of(watch.begun, bodies)
+        memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
+        answers = self.network.answer(memory, rows).softmax(-1)
+        return complete(watch.view.state.scenes, answers, rows)
+
+
+def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:
+    """What a frame tells a belief network about every pair."""
+    foresight = dynamics.foresee(frame.before, frame.control)
+    motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
+    evidence = network.evidence(
+        frame.before,
+        frame.after,
+        frame.control,
+        foresight._replace(motion=motion),
+        frame.first,
+        frame.adjacent_at_first,
+    )
+    return evidence._replace(active=evidence.active & frame.in_sight)
+
+
+def watch_windows(
+    network: nn.Module,
+    dynamics: nn.Module,
+    scenes: SceneBatch,
+    poses: Float[Tensor, "batch frames bodies 3"],
+    tool: Float[Tensor, "batch frames 3"],
+    down: Bool[Tensor, "batch frames"],
+    seen: Bool[Tensor, "batch frames bodies"],
+) -> tuple[Rows, Bool[Tensor, "frames rows"], list[Memory]]:
+    """Watch whole windows: the pairs that ever had memory, when it went on, and the memory after every frame.
+
+    The numbers are those of `BeliefModel.observe`, frame by frame; the evidence of many frames is computed together.
+    Differentiable in the belief network's weights.
+    """
+    frames = poses.shape[1]
+    view, frame = first_look(scenes, poses[:, 0], tool[:, 0], down[:, 0], seen[:, 0])
+    looks = [frame]
+    for k in range(1, frames):
+        view, frame = look(view, poses[:, k], tool[:, k], down[:, k], seen[:, k])
+        looks.append(frame)
+    batch, bodies = poses.shape[0], poses.shape[2]
+
+    together = max(1, CHUNK // batch)
+    told, active = [], []
+    for k in range(0, frames, together):
+        some = looks[k : k + together]
+        evidence = evidence_of(network, dynamics, concatenate(some))
+        told.append(evidence.features.unflatten(0, (len(some), batch)))
+        active.append(evidence.active.unflatten(0, (len(some), batch)))
+    active = torch.cat(active)
+    rows = Rows.of(active.any(0), bodies)
+    encoded = network.encode(torch.cat([some[:, rows.scene, rows.pair] for some in told]))
+    active = active[:, rows.scene, rows.pair]
+    memory = Memory(
+        encoded.new_zeros(len(rows.scene), 2, network.width), encoded.new_zeros(batch * bodies, network.hidden)
+    )
+    memories = []
+    for k in range(frames):
+        memory = network.step(memory, rows, encoded[k], active[k])
+        memories.append(memory)
+    return rows, active, memories
+
+
+def complete(
+    scenes: SceneBatch, answers: Float[Tensor, "rows joints"], rows: Rows
+) -> Float[Tensor, "batch pairs joints"]:
+    """Probabilities of all pairs: those that were answered, those that are known, and strangers.
+
+    A stranger is fixed if a chain of fixed pairs joins it: as likely as the likeliest chain.
+    """
+    relations, bodies = scenes.relations, scenes.mass.shape[1]
+    rest = (1 - STRANGERS) / (len(JOINT_CODES) - 1)
+    probabilities = answers.new_full((*relations.kind.shape, len(JOINT_CODES)), rest)
+    probabilities[..., JOINT_CODES["none"]] = STRANGERS
+    kind = torch.where(rigid_pairs(scenes.group), JOINT_CODES["fixed"], relations.kind)
+    given = nn.functional.one_hot(kind, len(JOINT_CODES)).to(answers.dtype)
+    probabilities = torch.where(relations.known[..., None], given, probabilities)
+    probabilities = probabilities.index_put((rows.scene, rows.pair), answers)
+    settled = relations.known.index_put((rows.scene, rows.pair), torch.ones_like(rows.scene, dtype=torch.bool))
+
+    a, b = pairs_of(bodies, answers.device)
+    fixed = probabilities[..., JOINT_CODES["fixed"]]
+    chain = torch.where(settled, fixed, 0.0)
+    between = chain.new_zeros(len(chain), bodies, bodies)
+    between[:, a, b] = between[:, b, a] = chain
+    for k in range(bodies):
+        between = torch.maximum(between, between[:, :, k, None] * between[:, None, k])
+    chained = torch.maximum(between[:, a, b], fixed)
+    others = probabilities * ((1 - chained) / (1 - fixed).clamp(min=1e-9))[..., None]
+    others[..., JOINT_CODES["fixed"]] = chained
+    return torch.where(settled[..., None], probabilities, others)

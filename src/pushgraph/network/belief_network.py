@@ -1,0 +1,166 @@
+"""Belief regulation: recurrent memory of every pair of bodies on top of the frozen physics network.
+
+Two recipes behind one interface: `belief` is ours, `paper_recipe` feeds the plain latents of the paper's network to
+its LSTM (paper, section on belief regulation; there object and relation functions are swapped in the equations).
+"""
+
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from pushgraph.graph import pair_evidence as features
+from pushgraph.graph.pair_evidence import FEATURES, pair_evidence
+from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
+from pushgraph.graph.state import Control, State
+from pushgraph.network.dynamics import Foresight
+
+
+class Rows(NamedTuple):
+    """Pairs of many scenes in a row. receiver, sender: the bodies' places in [batch * bodies], for both directions."""
+
+    scene: Int[Tensor, " rows"]
+    pair: Int[Tensor, " rows"]
+    receiver: Int[Tensor, "rows 2"]
+    sender: Int[Tensor, "rows 2"]
+
+    @classmethod
+    def of(cls, chosen: Bool[Tensor, "batch pairs"], bodies: int) -> "Rows":
+        """The chosen pairs."""
+        scene, pair = chosen.nonzero(as_tuple=True)
+        first, second = pairs_of(bodies, chosen.device)
+        receiver = scene[:, None] * bodies + torch.stack((first, second), -1)[pair]
+        return cls(scene, pair, receiver, receiver.flip(-1))
+
+
+class Memory(NamedTuple):
+    """What was learnt so far, in rows of pairs (both directions) and bodies."""
+
+    relations: Float[Tensor, "rows 2 state"]
+    objects: Float[Tensor, "bodies state"]
+
+
+class Evidence(NamedTuple):
+    """What one frame tells about pairs. active: pairs whose memory goes on; the others' waits."""
+
+    features: Float[Tensor, "batch pairs 2 features"]
+    active: Bool[Tensor, "batch pairs"]
+
+
+class BeliefNetwork(nn.Module):
+    """Ours: joint memory, motions and surprises beside the solver's latents.
+
+    Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent.
+    """
+
+    PHYSICS = "contact"
+
+    def __init__(self, hidden: int = 64, latents: int = 96) -> None:
+        super().__init__()
+        self.hidden = self.width = hidden
+        self.encoder = nn.Sequential(
+            nn.Linear(len(FEATURES) + latents, 2 * hidden), nn.ReLU(), nn.Linear(2 * hidden, hidden), nn.ReLU()
+        )
+        self.relation_cell = nn.GRUCell(3 * hidden, hidden)
+        self.to_object = nn.Linear(hidden, hidden)
+        self.object_cell = nn.GRUCell(hidden, hidden)
+        self.head = nn.Sequential(nn.Linear(3 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
+
+    @staticmethod
+    def schema() -> dict[str, Any]:
+        """Names of the features and the constants in them, which its weights depend on."""
+        return {"pair_features": list(features.FEATURES), "constants": features.CONSTANTS}
+
+    def evidence(
+        self,
+        before: State,
+        after: State,
+        control: Control,
+        foresight: Foresight,
+        first: Float[Tensor, "batch bodies 3"],
+        adjacent_at_first: Bool[Tensor, "batch pairs"],
+    ) -> Evidence:
+        """What a frame tells, given what was foreseen."""
+        told = pair_evidence(before, after, foresight.motion, first, adjacent_at_first, foresight.linked, control.down)
+        active = after.relations.remembered & ~after.relations.known
+        return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active)
+
+    def encode(self, told: Float[Tensor, "*frames rows 2 features"]) -> Float[Tensor, "*frames rows 2 hidden"]:
+        """Encode evidence; the part that needs no memory."""
+        return self.encoder(told)
+
+    def step(
+        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 hidden"], active: Bool[Tensor, " rows"]
+    ) -> Memory:
+        """One frame."""
+        receiver, sender = rows.receiver.flatten(), rows.sender.flatten()
+        old = memory.relations.flatten(0, 1)
+        ends = memory.objects[receiver], memory.objects[sender]
+        new = self.relation_cell(torch.cat((encoded.flatten(0, 1), *ends), -1), old)
+        on = active[:, None].expand(-1, 2).flatten()[:, None]
+        relations = torch.where(on, new, old)
+        messages = self.to_object(relations) * on
+        total = torch.zeros_like(memory.objects).index_add(0, receiver, messages)
+        told = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype)) > 0
+        objects = torch.where(told, self.object_cell(total, memory.objects), memory.objects)
+        return Memory(relations.view_as(memory.relations), objects)
+
+    def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
+        """Log-odds of the joints, in the order of JOINT_CODES: the mean of what both directions say."""
+        ends = memory.objects[rows.receiver], memory.objects[rows.sender]
+        return self.head(torch.cat((memory.relations, *ends), -1)).mean(1)
+
+
+class PaperBelief(nn.Module):
+    """The paper's: latents of the relations of its network into an LSTM, then one linear layer; no joint memory.
+
+    A pair's LSTM goes on while it shares edges, and keeps its state while it does not. Its state stands beside its
+    output in `Memory.relations`; objects have none, as nothing is asked of them.
+    """
+
+    PHYSICS = "propnet"
+
+    def __init__(self, hidden: int = 256, latents: int = 256) -> None:
+        super().__init__()
+        self.hidden, self.width = hidden, 2 * hidden
+        self.relation_cell = nn.LSTMCell(latents, hidden)
+        self.head = nn.Linear(hidden, len(JOINT_CODES))
+
+    @staticmethod
+    def schema() -> dict[str, Any]:
+        """It has no features of its own."""
+        return {}
+
+    def evidence(
+        self,
+        before: State,
+        after: State,
+        control: Control,
+        foresight: Foresight,
+        first: Float[Tensor, "batch bodies 3"],
+        adjacent_at_first: Bool[Tensor, "batch pairs"],
+    ) -> Evidence:
+        """Latents alone; see `BeliefNetwork.evidence`."""
+        return Evidence(foresight.latents.float(), foresight.linked & ~after.relations.known)
+
+    def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
+        """The latents themselves."""
+        return told
+
+    def step(
+        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 latents"], active: Bool[Tensor, " rows"]
+    ) -> Memory:
+        """One frame."""
+        old = memory.relations.flatten(0, 1)
+        new = torch.cat(self.relation_cell(encoded.flatten(0, 1), old.chunk(2, -1)), -1)
+        on = active[:, None].expand(-1, 2).flatten()[:, None]
+        return Memory(torch.where(on, new, old).view_as(memory.relations), memory.objects)
+
+    def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
+        """Log-odds of the joints: the mean of what both directions say."""
+        return self.head(memory.relations[..., : self.hidden]).mean(1)
+
+
+BELIEFS: dict[str, type[nn.Module]] = {"belief": BeliefNetwork, "paper_recipe": PaperBelief}
+"""The recipes by name."""

@@ -1,0 +1,187 @@
+"""Watch one scene frame by frame, and say what is joined to what."""
+
+from itertools import combinations
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+
+from pushgraph import pose
+from pushgraph.belief import BeliefModel, Watch
+from pushgraph.body import ROBOT, Joint
+from pushgraph.contact import contact_between
+from pushgraph.dataset.engines import single_threaded
+from pushgraph.errors import BeliefError
+from pushgraph.graph.believed import believe
+from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
+from pushgraph.pose import wrap_angle
+from pushgraph.scene import OVERLAP, Scene
+from pushgraph.shape import rounded_boxes, take
+
+LONGEST_JUMP = 0.2
+"""A node that moves farther than this in a frame (m) was mistaken for another, or times are wrong."""
+LEAST_ROOM = 1e-3
+"""A joint at its limit still has this room (m or rad): what was seen beyond the limit is noise."""
+PARTING_ROUNDS = 100
+
+
+class BeliefRegulator:
+    """Learns the joint of every pair of bodies from poses, one frame at a time, in constant memory.
+
+    regulator = BeliefRegulator(scene)
+    for poses in camera:
+        probabilities = regulator.observe(poses)
+
+    Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
+    it knows to be apart) hold. Masses and frictions are taken as the scene tells them.
+    """
+
+    def __init__(self, scene: Scene, model: BeliefModel | str = "belief", given: bool = False) -> None:
+        self.original = scene
+        self.model = model if isinstance(model, BeliefModel) else BeliefModel.load(model)
+        self.pairs: list[tuple[str, str]] = list(combinations(scene.names, 2))
+        """Names of the pairs, in the order of the probabilities."""
+        self.frames = 0
+        """Frames observed so far."""
+        watched = scene if given else scene.replace(joints=(), unknown_pairs="unlisted")
+        self._scenes = batch_scenes([watched])
+        self._poses = np.concatenate((np.full((1, 3), np.nan), scene.poses_world_from_body))
+        self._unseen = np.zeros(len(self._poses), dtype=np.int64)
+        self._ever_seen = np.zeros(len(self._poses), dtype=bool)
+        self._yaw_known = np.array([True, *(body.yaw_known for body in scene.bodies)])
+        self._down = False
+        self._watch: Watch | None = None
+
+    def observe(self, poses: Float[np.ndarray, "nodes 3"], down: bool = True) -> Float[np.ndarray, "pairs joints"]:
+        """Learn from one frame, 0.05 s after the last: pose_world_from_tool, then pose_world_from_body in order.
+
+        A body that was not seen has NaN for x and y; a yaw that cannot be known may be NaN. `down`: whether the tool
+        is down on the table. Returns probabilities; columns in the order of JOINT_CODES: none, fixed, prismatic,
+        revolute. Raises BeliefError, and learns nothing, if a pose is not finite or a node jumped.
+        """
+        poses, seen = self._checked(np.array(poses, dtype=float), down)
+        room = self._scenes.mass.shape[1]
+        bodies, in_sight = np.zeros((1, room, 3)), np.zeros((1, room), dtype=bool)
+        bodies[0, : len(poses) - 1], in_sight[0, : len(poses) - 1] = poses[1:], seen[1:]
+        arrays = bodies, poses[None, 0], np.array([down]), in_sight
+        frame = [torch.from_numpy(array) for array in arrays]
+        with single_threaded():
+            if self._watch is None:
+                self._watch = self.model.begin(self._scenes, *frame)
+            else:
+                self._watch = self.model.observe(self._watch, *frame)
+        self._poses, self._down = poses, down
+        self._unseen = np.where(seen, 0, self._unseen + 1)
+        self._ever_seen |= seen
+        self.frames += 1
+        return self.probabilities
+
+    @property
+    def probabilities(self) -> Float[np.ndarray, "pairs joints"]:
+        """Of every joint of every pair, as it is believed now."""
+        with single_threaded():
+            everything = self.model.probabilities(self._watched)[0].double().numpy()
+        return everything[: len(self.pairs)]
+
+    def scene(self) -> Scene:
+        """The scene as it is now, with the likeliest joint of every pair, ready for prediction; it has no pushes.
+
+        Bodies that noise has pressed into each other are moved apart, by as much as that takes.
+        """
+        state = self._watched.view.state
+        kind = self.model.probabilities(self._watched).argmax(-1)
+        relations = believe(state, kind).relations
+        poses = _parted(self.original, self._poses[1:])
+        bodies = tuple(
+            body.replace(pose_world_from_body=tuple(place))
+            for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
+        )
+        return self.original.replace(
+            bodies=bodies, joints=tuple(self._joints(relations, poses)), unknown_pairs=(), pushes=()
+        )
+
+    @property
+    def _watched(self) -> Watch:
+        if self._watch is None:
+            raise BeliefError("nothing was observed yet; call observe first")
+        return self._watch
+
+    def _checked(self, poses: np.ndarray, down: bool) -> tuple[np.ndarray, Bool[np.ndarray, " nodes"]]:
+        """Poses of all nodes, where they were last if they were not seen, yaws without leaps; and which were seen."""
+        names = (ROBOT, *self.original.names)
+        if poses.shape != (len(names), 3):
+            raise BeliefError(f"poses: shape must be ({len(names)}, 3): {', '.join(names)}; got {poses.shape}")
+        seen = ~np.isnan(poses[:, :2]).any(-1)
+        last = self._poses
+        blind = ~self._yaw_known
+        poses[blind, 2] = last[blind, 2]
+        for node, name in enumerate(names):
+            if seen[node] and not np.isfinite(poses[node]).all():
+                raise BeliefError(
+                    f"pose of {name!r} in frame {self.frames} is {poses[node].tolist()}: it must be finite"
+                )
+        if not seen[0]:
+            raise BeliefError(f"{ROBOT!r} is missing in frame {self.frames}: its pose is always needed")
+        leap = np.hypot(*(poses - last)[:, :2].T)
+        too_far = seen & self._ever_seen & (leap > LONGEST_JUMP * (self._unseen + 1))
+        too_far[0] &= down and self._down
+        if too_far.any():
+            node = int(np.argmax(too_far))
+            raise BeliefError(
+                f"{names[node]!r} jumps by {leap[node]:.2f} m in frame {self.frames}; at most {LONGEST_JUMP:g} m a "
+                "frame are valid: was it mistaken for another, or are frames missing?"
+            )
+        poses = np.where(seen[:, None], poses, last)
+        known = self._ever_seen & seen
+        poses[known, 2] = last[known, 2] + wrap_angle(poses[known, 2] - last[known, 2])
+        return poses, seen
+
+    def _joints(self, relations: Relations, poses: Float[np.ndarray, "bodies 3"]) -> list[Joint]:
+        """Joints of the relations, told in the world frame with the bodies at `poses`."""
+        names = self.original.names
+        kinds = {code: kind for kind, code in JOINT_CODES.items()}
+        room = self._scenes.mass.shape[1]
+        joints = []
+        for pair in relations.kind[0].nonzero().squeeze(-1).tolist():
+            a, b = pairs_of(room)[:, pair].tolist()
+            kind = kinds[int(relations.kind[0, pair])]
+            anchor_a, anchor_b, axis_a, limits = (
+                values[0, pair].double().numpy()
+                for values in (relations.anchor_a, relations.anchor_b, relations.axis, relations.limits)
+            )
+            anchor, axis = pose.transform(poses[a], anchor_a), pose.rotate(axis_a, poses[a, 2])
+            if kind == "revolute":
+                used = float(wrap_angle(poses[b, 2] - poses[a, 2] - float(relations.yaw_offset[0, pair])))
+            else:
+                used = float((pose.transform(poses[b], anchor_b) - anchor) @ axis)
+            room_left = (min(float(limits[0]) - used, -LEAST_ROOM), max(float(limits[1]) - used, LEAST_ROOM))
+            joints.append(
+                Joint(
+                    kind=kind,
+                    parent=names[a],
+                    child=names[b],
+                    anchor=tuple(anchor.tolist()),
+                    axis=tuple(axis.tolist()) if kind == "prismatic" else None,
+                    limits=room_left if kind != "fixed" else None,
+                )
+            )
+        return joints
+
+
+def _parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarray, "bodies 3"]:
+    """Poses at which no two bodies overlap by more than a scene allows: each of such a pair gives way by half."""
+    poses, apart = poses.copy(), scene.pairs_apart
+    if not apart:
+        return poses
+    boxes = rounded_boxes([body.shape for body in scene.bodies])
+    first, second = (np.array(column) for column in zip(*apart, strict=True))
+    for _ in range(PARTING_ROUNDS):
+        between = torch.from_numpy(pose.relative(poses[first], poses[second]))
+        touch = contact_between(take(boxes, torch.from_numpy(first)), take(boxes, torch.from_numpy(second)), between)
+        deep = np.maximum(-touch.gap.numpy() - OVERLAP / 2, 0)
+        if deep.max() == 0:
+            break
+        give = pose.rotate(touch.normal.numpy(), poses[first, 2]) * (deep / 2)[:, None]
+        np.add.at(poses, (first, slice(2)), -give)
+        np.add.at(poses, (second, slice(2)), give)
+    return poses

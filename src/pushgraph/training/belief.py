@@ -1,0 +1,160 @@
+"""Training of belief regulation."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pushgraph.belief import watch_windows
+from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.dataset.sequences import SequenceSampler
+from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
+from pushgraph.graph.scene_batch import batch_scenes
+from pushgraph.network.belief_network import BELIEFS, Rows
+from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.processes import Processes
+from pushgraph.training.recipe import Training
+from pushgraph.training.running import Progress
+from pushgraph.training.watching import NOISE, Watched, watched
+
+LAST_WEIGHT = 2.0
+"""The loss of a frame grows linearly from zero to this at the end of its window (paper, section on training)."""
+SMOOTH = 1e-6
+"""Weight of the squared change of memories from frame to frame (the same section)."""
+VALIDATED = (20, 40, 100, 200)
+"""Observed frames after which a validation looks at the answers."""
+VALIDATION_SCENES, VALIDATION_FRAMES = 50, 200
+
+
+@dataclass(frozen=True)
+class BeliefTraining(Training):
+    """What decides a training of belief regulation. A sample is one observed frame of one sequence."""
+
+    TASK: ClassVar[str] = "belief"
+    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = BELIEFS
+    VALIDATIONS: ClassVar[int] = 12
+
+    samples: int = 10_000_000
+    frames: int = 200
+    batch: int = 16
+    learning_rate: float = 2e-3
+    hidden: int = 64
+
+
+class Answers(NamedTuple):
+    """Log-odds after every frame of windows, for the pairs that ever had memory, and from when on they had it.
+
+    restless: mean squared change of the memory of pairs, summed over its numbers.
+    """
+
+    rows: Rows
+    log_odds: Float[Tensor, "frames rows joints"]
+    begun: Bool[Tensor, "frames rows"]
+    restless: Float[Tensor, ""]
+
+
+def answers(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Answers:
+    """Watch windows and answer after every frame."""
+    rows, active, memories = watch_windows(network, dynamics, seen.scenes, seen.poses, seen.tool, seen.down, seen.seen)
+    log_odds = torch.stack([network.answer(memory, rows) for memory in memories])
+    relations = torch.stack([memory.relations for memory in memories])
+    restless = relations.diff(dim=0).square().sum(-1).mean()
+    return Answers(rows, log_odds, active.cumsum(0) > 0, restless)
+
+
+def belief_loss(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Float[Tensor, ""]:
+    """Cross-entropy of the answers, growing in weight with time, and what keeps memories smooth."""
+    told = answers(network, dynamics, seen)
+    frames = len(told.log_odds)
+    growing = torch.linspace(0, LAST_WEIGHT, frames, device=told.log_odds.device)
+    weight = growing[:, None] * told.begun * seen.lasts[told.rows.scene].T
+    joint = seen.joint[told.rows.scene, told.rows.pair].expand(frames, -1)
+    surprise = functional.cross_entropy(told.log_odds.flatten(0, 1).float(), joint.flatten(), reduction="none")
+    return (surprise * weight.flatten()).sum() / weight.sum().clamp(min=1e-9) + SMOOTH * told.restless
+
+
+class BeliefTask:
+    """Answers about sequences; validation on the first frames of the validation trajectories, half with full noise."""
+
+    numbers = (
+        "nll_adjacent",
+        "error_touched_40",
+        "error_touched_200",
+        "error_touched_40_noisy",
+        "error_touched_200_noisy",
+    )
+
+    def __init__(self, training: Training, processes: Processes, device: torch.device) -> None:
+        self._training, self._rank, self._device = training, processes.rank, device
+        data, validation = open_dataset(training.data), open_dataset(training.validation)
+        self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
+        share = max(1, training.batch // processes.count)
+        self._sampler = SequenceSampler(data, training.frames, share, training.seed * 1000 + processes.rank)
+        below = load_checkpoint(shipped(BELIEFS[training.model].PHYSICS))
+        self.physics = below.hash
+        self._dynamics = below.network.to(device).requires_grad_(False)
+        count = min(len(validation), VALIDATION_SCENES)
+        tracks = [validation[k] for k in range(processes.rank, count, processes.count)]
+        frames = min(VALIDATION_FRAMES, *(len(track.times) for track in tracks))
+        scenes = batch_scenes([track.scene for track in tracks])
+        poses = torch.tensor(np.stack([track.poses[:frames] for track in tracks]), dtype=torch.float32)
+        down = torch.tensor(np.stack([track.down[:frames] for track in tracks]))
+        tool, bodies = poses[:, :, 0], poses[:, :, 1:]
+        noise = torch.randn(bodies.shape, generator=torch.Generator().manual_seed(processes.rank))
+        everything = torch.ones(bodies.shape[:3], dtype=torch.bool)
+        self._touched = touched_pairs(adjacent_pairs(scenes, bodies[:, 0]), bodies)
+        self._adjacent = adjacent_pairs(scenes, bodies[:, 0])
+        self._validation = [
+            Watched(
+                unaware(scenes),
+                bodies + size * noise * bodies.new_tensor([NOISE[0], NOISE[0], NOISE[1]]),
+                tool,
+                down,
+                everything,
+                torch.ones_like(down),
+                true_joints(scenes),
+            )
+            for size in (0.0, 1.0)
+        ]
+
+    def loss(self, network: nn.Module, step: int) -> Tensor:
+        """Loss of the step's sequences."""
+        generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
+        seen = watched(self._sampler.batch(step), generator)
+        half = self._training.precision == "bfloat16"
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=half):
+            return belief_loss(network, self._dynamics, seen)
+
+    def validate(self, network: nn.Module) -> Tensor:
+        """Means over pairs of `numbers`, and a one to divide by."""
+        surprise, wrong = [], []
+        for seen in self._validation:
+            told = answers(network, self._dynamics, seen)
+            joint = seen.joint[told.rows.scene, told.rows.pair]
+            adjacent = self._adjacent[told.rows.scene, told.rows.pair]
+            for frame in (frame for frame in VALIDATED if frame <= len(told.log_odds)):
+                log_odds = told.log_odds[frame - 1].float()
+                surprise.append(functional.cross_entropy(log_odds[adjacent], joint[adjacent]))
+                touched = self._touched[told.rows.scene, frame - 1, told.rows.pair]
+                if frame in (40, 200):
+                    wrong.append((log_odds.argmax(-1) != joint)[touched].float().mean())
+        wrong += [torch.zeros(())] * (len(self.numbers) - 1 - len(wrong))
+        return torch.stack([torch.stack(surprise).mean(), *wrong, torch.ones(())])
+
+
+def train_belief(
+    training: BeliefTraining,
+    cache: Path,
+    out: Path,
+    device: str = "cpu",
+    tell: Callable[[Progress, float], None] = lambda now, loss: None,
+) -> Progress | None:
+    """Train a belief network; see `conduct`."""
+    return conduct(training, BeliefTask, cache, out, device, tell)

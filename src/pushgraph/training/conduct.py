@@ -1,0 +1,70 @@
+"""Conduct a training, whatever its task: from its recipe to a checkpoint."""
+
+import contextlib
+import dataclasses
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+
+from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from pushgraph.dataset.store import Dataset
+from pushgraph.errors import TrainingError
+from pushgraph.simulation.setups import FIRST_TEST_SEED
+from pushgraph.training.loop import Schedule, Task, train
+from pushgraph.training.processes import Processes
+from pushgraph.training.recipe import Training
+from pushgraph.training.running import Progress, RunningCheckpoint
+
+
+def conduct(
+    training: Training,
+    make_task: Callable[[Training, Processes, torch.device], Task],
+    cache: Path,
+    out: Path,
+    device: str,
+    tell: Callable[[Progress, float], None],
+) -> Progress | None:
+    """Train a network and write its checkpoint to `out`; the same call goes on after a kill.
+
+    Under torchrun every process calls this; all but the leading one return None.
+    """
+    place = torch.device(device)
+    processes = Processes.join(place)
+    running = RunningCheckpoint(training.folder(cache), dataclasses.asdict(training) | {"processes": processes.count})
+    with running.locked() if processes.leads else contextlib.nullcontext():
+        processes.wait()
+        with torch.random.fork_rng():
+            torch.manual_seed(training.seed)
+            network = training.MODELS[training.model](**training.config).to(place)
+        if training.start_from:
+            network.load_state_dict(load_checkpoint(training.start_from).network.state_dict())
+        task = make_task(training, processes, place)
+        schedule = Schedule(
+            training.steps, training.learning_rate, training.VALIDATIONS, amsgrad=training.model == "propnet"
+        )
+        now = train(network, task, schedule, running, processes, tell)
+        processes.leave()
+        if not processes.leads:
+            return None
+        record = {
+            "training": training.without_folders() | {"processes": processes.count},
+            "data": task.data_recipe,
+            "validation": task.validation_recipe,
+            "samples": now.step * training.batch * training.frames,
+            "seconds": round(now.seconds, 1),
+            "hardware": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {device}",
+            "curve": now.curve,
+        }
+        save_checkpoint(Checkpoint(training.model, training.config, network, record, task.physics), out)
+    return now
+
+
+def open_dataset(path: str) -> Dataset:
+    """A dataset to train on or validate with; raises TrainingError if it is for tests."""
+    data = Dataset(path)
+    if data.recipe.seed >= FIRST_TEST_SEED:
+        raise TrainingError(f"{path}: seeds from {FIRST_TEST_SEED:,} on are for tests; train on smaller ones")
+    return data
