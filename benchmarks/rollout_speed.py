@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.table import Table
 from torch import nn
 
+from pushgraph.evaluation.metrics import MOVED
 from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import State, controls
-from pushgraph.physics import PhysicsPredictor
+from pushgraph.physics import PRECISIONS, PhysicsPredictor
 from pushgraph.simulation.aiming import aim
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.planar import PlanarSimulation
@@ -30,6 +31,8 @@ from pushgraph.track import Track
 
 FRAMES = 30
 REPEATS = 3
+SINGLES = 12
+"""So many scenes are predicted one by one."""
 
 
 class DensePropagationNetwork(nn.Module):
@@ -103,6 +106,16 @@ def rollout_seconds(predictor: PhysicsPredictor, tracks: list[Track], frames: in
     return seconds(work)
 
 
+def final_error(predictor: PhysicsPredictor, tracks: list[Track], frames: int) -> float:
+    """Mean distance (m) from the simulated tracks in the last frame, of objects that moved."""
+    state, poses, down = windows(tracks, frames)
+    with torch.no_grad():
+        predicted = predictor.rollout(state, poses[:, :, 0], down)[:, -1]
+    true = poses[:, :, 1:]
+    moved = (true[:, -1] - true[:, 0])[..., :2].norm(dim=-1) > MOVED
+    return float((predicted - true[:, -1])[..., :2].norm(dim=-1)[moved].mean())
+
+
 def training_seconds(predictor: PhysicsPredictor, tracks: list[Track], frames: int) -> float:
     state, poses, down = windows(tracks, frames)
     dynamics = predictor.dynamics.requires_grad_(True)
@@ -127,11 +140,13 @@ def main(
     out: Annotated[Path, typer.Option(help="Folder for the figures, JSON.")] = Path("rollout_speed"),
 ) -> None:
     torch.set_num_threads(1)
-    predictor, paper = PhysicsPredictor.load("contact"), PhysicsPredictor.load("propnet")
+    predictors = {precision: PhysicsPredictor.load("contact", precision=precision) for precision in PRECISIONS}
+    predictor, paper = predictors["float32"], PhysicsPredictor.load("propnet")
     tracks = [draw_trajectory("multiple-parts", objects, seed, index).track for index in range(scenes)]
     figures: dict[str, float] = {}
 
-    figures["contact, rollout"] = scenes * (FRAMES - 1) / rollout_seconds(predictor, tracks, FRAMES)
+    for precision, one in predictors.items():
+        figures[f"contact, {precision}, rollout"] = scenes * (FRAMES - 1) / rollout_seconds(one, tracks, FRAMES)
     figures["contact, training"] = scenes * 9 / training_seconds(predictor, tracks, 10)
     figures["propnet, rollout"] = scenes * 9 / rollout_seconds(paper, tracks, 10)
 
@@ -148,29 +163,37 @@ def main(
     figures["MuJoCo, with building the models"] = stepped / seconds(simulate)
     figures["MuJoCo"] = stepped / mujoco_seconds(tracks[:24])
 
+    errors = {precision: final_error(one, tracks, FRAMES) for precision, one in predictors.items()}
+    alone = sum(rollout_seconds(predictor, [track], FRAMES) for track in tracks[:SINGLES])
+    alone_ms = 1e3 * alone / (len(tracks[:SINGLES]) * (FRAMES - 1))
     cost = {}
     for number in (6, 12, 24, 48, 96):
         crowd = [dense_first_push(number, index, seed) for index in range(2)] * 8  # large ones take long to draw
         frames = min(int((track.push == 0).sum()) for track in crowd)
         cost[number] = 1e3 * rollout_seconds(predictor, crowd, frames) / (16 * (frames - 1))
 
-    table = Table(title=f"One thread, {scenes} scenes of {objects} objects, float32")
+    table = Table(title=f"One thread, {scenes} scenes of {objects} objects; float32 unless said otherwise")
     for name in ("what", "scene-frames per second"):
         table.add_column(name, justify="left" if name == "what" else "right")
     for name, value in figures.items():
         table.add_row(name, f"{value:,.0f}")
     console = Console()
     console.print(table)
-    ratios = {
-        "rollout / dense reference": figures["contact, rollout"] / figures["dense reference, rollout"],
-        "training / dense reference": figures["contact, training"] / figures["dense reference, training"],
-        "rollout / MuJoCo": figures["contact, rollout"] / figures["MuJoCo"],
-    }
+    ratios = {"training / dense reference": figures["contact, training"] / figures["dense reference, training"]}
+    for precision in PRECISIONS:
+        speed = figures[f"contact, {precision}, rollout"]
+        ratios[f"{precision} rollout / dense reference"] = speed / figures["dense reference, rollout"]
+        ratios[f"{precision} rollout / MuJoCo"] = speed / figures["MuJoCo"]
+    ratios["final error, bfloat16 / float32"] = errors["bfloat16"] / errors["float32"]
     for name, value in ratios.items():
-        console.print(f"{name}: {value:.1f}")
+        console.print(f"{name}: {value:.3g}")
+    accuracy = ", ".join(f"{precision} {error:.5f} m" for precision, error in errors.items())
+    console.print(f"final error of what moved, {FRAMES} frames: {accuracy}")
+    console.print(f"one scene by itself, ms per frame: {alone_ms:.2f}")
     console.print("ms per scene and frame: " + ", ".join(f"{n} objects {value:.3f}" for n, value in cost.items()))
+    written = {"speed": figures, "ratios": ratios, "final_error": errors, "ms": cost, "ms_alone": alone_ms}
     out.mkdir(parents=True, exist_ok=True)
-    (out / "rollout_speed.json").write_text(json.dumps({"speed": figures, "ratios": ratios, "ms": cost}, indent=1))
+    (out / "rollout_speed.json").write_text(json.dumps(written, indent=1))
     console.print(f"Written: {out / 'rollout_speed.json'}")
 
 

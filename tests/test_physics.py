@@ -15,7 +15,7 @@ from pushgraph.checkpoint import Checkpoint, save_checkpoint
 from pushgraph.cli import main
 from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.network.dynamics import DYNAMICS
-from pushgraph.physics import MODELS, PhysicsPredictor
+from pushgraph.physics import MODELS, PRECISIONS, PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push, Tool
@@ -47,6 +47,18 @@ def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> Non
     assert record["seconds"] > 60
     assert len(record["curve"]) >= 10
     assert not re.search("/root|/work", json.dumps(record))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_bfloat16_predicts_nearly_what_float32_does(model) -> None:
+    exact, rounded = (load(model, precision=precision).predict(workshop()).poses for precision in PRECISIONS)
+    assert rounded.dtype == exact.dtype
+    assert 0 < np.abs(rounded - exact)[:, 1:, :2].max() < 0.05 * np.abs(exact[-1] - exact[0])[1:, :2].max()
+
+
+def test_a_precision_that_there_is_not_is_named_with_those_there_are() -> None:
+    with pytest.raises(PredictionError, match=r"no precision 'float8'; valid: float32, bfloat16"):
+        load(precision="float8")
 
 
 def two_discs(joint: str | None) -> Scene:

@@ -36,11 +36,11 @@ _MODULE_OF = {
 __all__ = sorted([*_MODULE_OF, "load"])
 
 
-def load(model: str = "contact", device: str = "cpu") -> Any:
+def load(model: str = "contact", device: str = "cpu", precision: str = "float32") -> Any:
     """Load a predictor: a shipped one (contact, propnet) or a checkpoint; see `PhysicsPredictor.load`."""
     from pushgraph.physics import PhysicsPredictor
 
-    return PhysicsPredictor.load(model, device)
+    return PhysicsPredictor.load(model, device, precision)
 
 
 def __getattr__(name: str) -> Any:

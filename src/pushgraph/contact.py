@@ -11,16 +11,16 @@ candidate, so a symmetric scene always gives the same answer.
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from pushgraph.pose import inverse, rotate, transform
+from pushgraph.pose import as_complex
 
 TIE = {torch.float32: 1e-7, torch.float64: 1e-12}
 """A later candidate must be nearer than an earlier one by this much (m), so that rounding decides no tie."""
 
-CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
-NORMALS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+CORNERS = torch.tensor(((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)))
+NORMALS = torch.tensor((1, 1j, -1, -1j), dtype=torch.complex64)
 
 
 class RoundedBox(NamedTuple):
@@ -56,59 +56,76 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
     the poses at which nearest features tie (parallel faces that turn, coincident centres, two corners that
     touch), where they are those of one of them. Beside a corner the normal turns as fast as 1 / gap.
     """
-    core_a, core_b = _nearest_points(a, b, pose_a_from_b)
-    separation, best = _largest(_separations(a, b, pose_a_from_b))
-    face = _reference_face(a, b, pose_a_from_b, best)
+    views = _views(a, b, pose_a_from_b)
+    cores = _nearest_points(views)
+    separation, best = _largest(_separations(views))
+    face = _reference_face(views, best)
 
-    distance, parted = _distance(core_b - core_a, separation)
-    along = (core_b - core_a) / torch.where(parted, distance, 1.0)[..., None]
-    normal = torch.where(parted[..., None], along, face.normal)
+    distance, parted = _distance(cores[..., 1] - cores[..., 0], separation)
+    along = (cores[..., 1] - cores[..., 0]) / torch.where(parted, distance, 1.0)
+    normal = torch.where(parted, along, face.normal)
     gap = distance - a.radius - b.radius
-    core_a = torch.where(parted[..., None], core_a, face.first_a)
-    core_b = torch.where(parted[..., None], core_b, face.first_b)
+    cores = torch.where(parted[..., None], cores, face.first)
 
-    first_is_near = (core_a - face.ends_a[..., 0, :]).square().sum(-1) <= (
-        core_a - face.ends_a[..., 1, :]
-    ).square().sum(-1) + TIE[core_a.dtype]
-    end = first_is_near.long()
-    far_a, far_b = _pick(face.ends_a, end), _pick(face.ends_b, end)
-    far_gap = ((far_b - far_a) * face.normal).sum(-1) - a.radius - b.radius
+    from_ends = torch.view_as_real(cores[..., None, 0] - face.ends[..., 0]).square().sum(-1)
+    first_is_near = from_ends[..., 0] <= from_ends[..., 1] + TIE[from_ends.dtype]
+    far = torch.where(first_is_near[..., None], face.ends[..., 1, :], face.ends[..., 0, :])
+    far_gap = ((far[..., 1] - far[..., 0]) * face.normal.conj()).real - a.radius - b.radius
     has_second = face.looks_at_other & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
 
-    def on_surfaces(first: Tensor, second: Tensor, outward: Tensor) -> Tensor:
-        second = torch.where(has_second[..., None], second + outward * face.normal, first + outward * normal)
-        return torch.stack((first + outward * normal, second), -2)
-
+    outward = torch.stack((a.radius, -b.radius), -1)
+    first = cores + outward * normal[..., None]
+    second = torch.where(has_second[..., None], far + outward * face.normal[..., None], first)
+    points = torch.view_as_real(torch.stack((first, second), -1))
     return Contact(
         gap=gap,
-        normal=normal,
+        normal=torch.view_as_real(normal),
         gaps=torch.stack((gap, torch.where(has_second, far_gap, gap)), -1),
-        points_a=on_surfaces(core_a, far_a, a.radius[..., None]),
-        points_b=on_surfaces(core_b, far_b, -b.radius[..., None]),
+        points_a=points[..., 0, :, :],
+        points_b=points[..., 1, :, :],
     )
 
 
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
     """Return only the signed gap of each pair (m), at half the cost of `contact_between`."""
-    core_a, core_b = _nearest_points(a, b, pose_a_from_b)
-    separation, _ = _largest(_separations(a, b, pose_a_from_b))
-    distance, _ = _distance(core_b - core_a, separation)
+    views = _views(a, b, pose_a_from_b)
+    cores = _nearest_points(views)
+    separation, _ = _largest(_separations(views))
+    distance, _ = _distance(cores[..., 1] - cores[..., 0], separation)
     return distance - a.radius - b.radius
+
+
+class _Views(NamedTuple):
+    """The two boxes as seen from a, then from b. Planar vectors are complex numbers, so that one product turns them."""
+
+    half_extents: Float[Tensor, "*batch 2 2"]  # of the box whose view it is
+    rotation: Complex[Tensor, "*batch 2"]  # of the other box
+    position: Complex[Tensor, "*batch 2"]
+    corners: Complex[Tensor, "*batch 2 4"]
+
+    def in_frame_a(self, from_a: Bool[Tensor, "*batch"]) -> tuple[Complex[Tensor, "*batch"], Complex[Tensor, "*batch"]]:
+        """Rotation and position of the box whose view it is, in the frame of a."""
+        return torch.where(from_a, 1.0, self.rotation[..., 0]), torch.where(from_a, 0.0, self.position[..., 0])
 
 
 class _Face(NamedTuple):
     """The face of largest separation between two boxes, in the frame of a, without the radii."""
 
-    normal: Float[Tensor, "*batch 2"]  # from a to b
-    first_a: Float[Tensor, "*batch 2"]  # the other box's corner nearest to the face, and its foot on the face
-    first_b: Float[Tensor, "*batch 2"]
-    ends_a: Float[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box
-    ends_b: Float[Tensor, "*batch 2 2"]
+    normal: Complex[Tensor, "*batch"]  # from a to b
+    first: Complex[Tensor, "*batch 2"]  # the other box's corner nearest to the face and its foot on it, on a and on b
+    ends: Complex[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box, each on a and b
     looks_at_other: Bool[Tensor, "*batch"]  # whether there is such a stretch
 
 
-def _corners(half_extents: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 4 2"]:
-    return half_extents[..., None, :] * half_extents.new_tensor(CORNERS)
+def _views(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Views:
+    yaw = pose_a_from_b[..., 2]
+    turn = torch.complex(yaw.cos(), yaw.sin())
+    back = turn.conj()
+    position = as_complex(pose_a_from_b[..., :2])
+    rotation, position = torch.stack((turn, back), -1), torch.stack((position, -position * back), -1)
+    half_extents = torch.stack((a.half_extents, b.half_extents), -2)
+    corners = as_complex(half_extents.flip(-2)[..., None, :] * CORNERS.to(half_extents))
+    return _Views(half_extents, rotation, position, corners * rotation[..., None] + position[..., None])
 
 
 def _first_smallest(values: Float[Tensor, "*batch n"]) -> Int[Tensor, "*batch"]:
@@ -116,51 +133,43 @@ def _first_smallest(values: Float[Tensor, "*batch n"]) -> Int[Tensor, "*batch"]:
     return (values.detach() + TIE[values.dtype] * order).argmin(-1)
 
 
-def _pick(rows: Float[Tensor, "*batch n k"], index: Int[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
-    return rows.take_along_dim(index[..., None, None], -2).squeeze(-2)
-
-
-def _nearest_points(
-    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]
-) -> tuple[Float[Tensor, "*batch 2"], Float[Tensor, "*batch 2"]]:
-    """Nearest points of two separated boxes: a corner of one and its projection onto the other."""
-    corners_a = _corners(a.half_extents)
-    corners_b = transform(pose_a_from_b[..., None, :], _corners(b.half_extents))
-    corners_a_in_b = transform(inverse(pose_a_from_b)[..., None, :], corners_a)
-    half_a, half_b = a.half_extents[..., None, :], b.half_extents[..., None, :]
-    projected_on_a = corners_b.clamp(-half_a, half_a)
-    projected_on_b = transform(pose_a_from_b[..., None, :], corners_a_in_b.clamp(-half_b, half_b))
-    points_a = torch.cat((corners_a, projected_on_a), -2)
-    points_b = torch.cat((projected_on_b, corners_b), -2)
-    nearest = _first_smallest(torch.linalg.vector_norm((points_b - points_a).detach(), dim=-1))
-    return _pick(points_a, nearest), _pick(points_b, nearest)
+def _nearest_points(views: _Views) -> Complex[Tensor, "*batch 2"]:
+    """Nearest points of two separated boxes, on a and on b: a corner of one and its foot on the other; frame of a."""
+    corners = torch.view_as_real(views.corners)
+    half_extents = views.half_extents[..., None, :]
+    feet = corners.clamp(-half_extents, half_extents)
+    apart = torch.linalg.vector_norm((corners - feet).detach(), dim=-1)
+    # Corners of a, which are seen from b, come first where there is a tie.
+    nearest = _first_smallest(apart.flip(-2).flatten(-2)) ^ 4
+    feet, corners = as_complex(feet).flatten(-2), views.corners.flatten(-2)
+    points = torch.stack((feet, corners), -1).take_along_dim(nearest[..., None, None], -2).squeeze(-2)
+    from_a = nearest < 4
+    rotation, position = views.in_frame_a(from_a)
+    points = points * rotation[..., None] + position[..., None]
+    return torch.where(from_a[..., None], points, points.flip(-1))
 
 
 def _distance(
-    offset: Float[Tensor, "*batch 2"], separation: Float[Tensor, "*batch"]
+    offset: Complex[Tensor, "*batch"], separation: Float[Tensor, "*batch"]
 ) -> tuple[Float[Tensor, "*batch"], Bool[Tensor, "*batch"]]:
     """Signed distance of two boxes, and whether it is that of their nearest points, an offset apart."""
-    squared = offset.square().sum(-1)
-    parted = (separation > 0) & (squared > (32 * torch.finfo(offset.dtype).eps) ** 2)
+    squared = torch.view_as_real(offset).square().sum(-1)
+    parted = (separation > 0) & (squared > (32 * torch.finfo(squared.dtype).eps) ** 2)
     return torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation), parted
 
 
-def _separations(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 8"]:
+def _separations(views: _Views) -> Float[Tensor, "*batch 8"]:
     """How far each box lies beyond each of the other's faces: the four of a, then the four of b.
 
     A point has no faces, but between two points the axes of their frames serve.
     """
-
-    def beyond(box: RoundedBox, other: RoundedBox, pose_box_from_other: Tensor) -> Tensor:
-        position, yaw = pose_box_from_other[..., :2], pose_box_from_other[..., 2]
-        cos, sin = _magnitude(yaw.cos()), _magnitude(yaw.sin())
-        x, y = other.half_extents.unbind(-1)
-        reach = box.half_extents + torch.stack((cos * x + sin * y, sin * x + cos * y), -1)
-        separation = torch.cat((position - reach, -position - reach), -1)
-        faceless = (box.half_extents.amax(-1) == 0) & (other.half_extents.amax(-1) > 0)
-        return torch.where(faceless[..., None], -torch.inf, separation)
-
-    return torch.cat((beyond(a, b, pose_a_from_b), beyond(b, a, inverse(pose_a_from_b))), -1)
+    own, other = views.half_extents, views.half_extents.flip(-2)
+    cos, sin = _magnitude(torch.view_as_real(views.rotation)).split(1, -1)
+    reach = own + cos * other + sin * other.flip(-1)
+    position = torch.view_as_real(views.position)
+    separation = torch.cat((position - reach, -position - reach), -1)
+    faceless = (own.amax(-1) == 0) & (other.amax(-1) > 0)
+    return separation.masked_fill(faceless[..., None], -torch.inf).flatten(-2)
 
 
 def _magnitude(values: Tensor) -> Tensor:
@@ -173,24 +182,18 @@ def _largest(separations: Float[Tensor, "*batch 8"]) -> tuple[Float[Tensor, "*ba
     return separations.take_along_dim(face[..., None], -1).squeeze(-1), face
 
 
-def _reference_face(
-    a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"], face: Int[Tensor, "*batch"]
-) -> _Face:
+def _reference_face(views: _Views, face: Int[Tensor, "*batch"]) -> _Face:
     """Geometry of one face: 0 to 3 are those of a, 4 to 7 those of b."""
-    pose_b_from_a = inverse(pose_a_from_b)
-    face_of_a = (face < 4)[..., None]
-
-    # Work in the frame of the box whose face it is: height above the face, and position along it.
-    half_extents = torch.where(face_of_a, a.half_extents, b.half_extents)
-    other_half_extents = torch.where(face_of_a, b.half_extents, a.half_extents)
-    pose_face_from_other = torch.where(face_of_a, pose_a_from_b, pose_b_from_a)
-    normal = pose_a_from_b.new_tensor(NORMALS)[face % 4]
-    tangent = torch.stack((-normal[..., 1], normal[..., 0]), -1)
-    face_height = (normal.abs() * half_extents).sum(-1)
-    face_half_length = (tangent.abs() * half_extents).sum(-1)
-    corners = transform(pose_face_from_other[..., None, :], _corners(other_half_extents))
-    height = (corners * normal[..., None, :]).sum(-1) - face_height[..., None]
-    along = (corners * tangent[..., None, :]).sum(-1)
+    of_a = face < 4
+    # Work in the frame of the box whose face it is, turned so that the face looks along x: height above the face is
+    # along x, position along it is y.
+    normal = NORMALS.to(views.rotation)[face % 4]
+    own = torch.where(of_a[..., None], views.half_extents[..., 0, :], views.half_extents[..., 1, :])
+    own = torch.where((face % 2 == 0)[..., None], own, own.flip(-1))
+    face_height, face_half_length = own.unbind(-1)
+    corners = torch.where(of_a[..., None], views.corners[..., 0, :], views.corners[..., 1, :])
+    corners = torch.view_as_real(corners * normal.conj()[..., None])
+    height, along = corners[..., 0] - face_height[..., None], corners[..., 1]
 
     # The other box's nearest face joins its lowest corner to the lower of that corner's two neighbours.
     lowest = _first_smallest(height)
@@ -207,22 +210,15 @@ def _reference_face(
     stops_along = torch.stack((edge_along[..., 0], low, high), -1)
     stops_height = edge_height[..., :1] + slope[..., None] * (stops_along - edge_along[..., :1])
 
-    pose_a_from_face = torch.where(face_of_a, torch.zeros_like(pose_a_from_b), pose_a_from_b)
-
-    def in_frame_a(height_above_face: Tensor) -> Tensor:
-        total = face_height[..., None] + height_above_face
-        points = stops_along[..., None] * tangent[..., None, :] + total[..., None] * normal[..., None, :]
-        return transform(pose_a_from_face[..., None, :], points)
-
-    on_face, on_other = in_frame_a(torch.zeros_like(stops_height)), in_frame_a(stops_height)
-    on_a = torch.where(face_of_a[..., None], on_face, on_other)
-    on_b = torch.where(face_of_a[..., None], on_other, on_face)
-    normal_in_a = rotate(normal, pose_a_from_face[..., 2])
+    heights = face_height[..., None, None] + torch.stack((torch.zeros_like(stops_height), stops_height), -1)
+    rotation, position = views.in_frame_a(of_a)
+    normal = normal * rotation
+    points = torch.complex(heights, stops_along[..., None].expand_as(heights)) * normal[..., None, None]
+    points = points + position[..., None, None]
+    points = torch.where(of_a[..., None, None], points, points.flip(-1))
     return _Face(
-        normal=torch.where(face_of_a, normal_in_a, -normal_in_a),
-        first_a=on_a[..., 0, :],
-        first_b=on_b[..., 0, :],
-        ends_a=on_a[..., 1:, :],
-        ends_b=on_b[..., 1:, :],
+        normal=torch.where(of_a, normal, -normal),
+        first=points[..., 0, :],
+        ends=points[..., 1:, :],
         looks_at_other=high > low + TIE[low.dtype],
     )

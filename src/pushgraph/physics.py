@@ -26,6 +26,8 @@ from pushgraph.track import FRAME, LIFTED, Track
 
 MODELS = ("contact", "propnet")
 """The shipped predictors: ours, and the paper's."""
+PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+"""What the networks may compute in; geometry and poses keep their own precision."""
 FEW = 64
 """So few scenes are predicted on one thread: several would wait for each other more than they work."""
 
@@ -62,16 +64,23 @@ class PhysicsPredictor:
         self.dynamics, self.record = dynamics, dict(record or {})
 
     @classmethod
-    def load(cls, model: str | os.PathLike = "contact", device: str = "cpu") -> "PhysicsPredictor":
+    def load(
+        cls, model: str | os.PathLike = "contact", device: str = "cpu", precision: str = "float32"
+    ) -> "PhysicsPredictor":
         """Load a shipped predictor by name, or the checkpoint in a file.
 
-        Raises CheckpointError if there is no such file, or any part of it is not what it should be.
+        precision: what the network computes in; "bfloat16" is faster for many scenes side by side.
+        Raises CheckpointError if there is no such file, or any part of it is not what it should be, and
+        PredictionError if there is no such precision.
         """
+        if precision not in PRECISIONS:
+            raise PredictionError(f"no precision {precision!r}; valid: {', '.join(PRECISIONS)}")
         path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in DYNAMICS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
-        return cls(checkpoint.network.to(device).requires_grad_(False), checkpoint.record)
+        network = checkpoint.network.to(device, PRECISIONS[precision]).requires_grad_(False)
+        return cls(network, checkpoint.record)
 
     def start(self, scenes: Sequence[Scene]) -> State:
         """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned."""

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 Array = np.ndarray | Tensor
@@ -24,6 +24,11 @@ def rotate(vector: Float[Array, "*#batch 2"], yaw: Float[Array, "*#batch"] | flo
     cos, sin = xp.cos(yaw), xp.sin(yaw)
     x, y = vector[..., 0], vector[..., 1]
     return xp.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+
+
+def as_complex(vectors: Float[Tensor, "*batch 2"]) -> Complex[Tensor, "*batch"]:
+    """Vectors as complex numbers x + iy: one product turns them; `torch.view_as_real` leads back."""
+    return torch.complex(*vectors.unbind(-1))
 
 
 def compose(

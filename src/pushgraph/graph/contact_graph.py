@@ -5,16 +5,19 @@ so features do not change when the scene is moved or turned. Lengths are given a
 they can matter within it, so that slow and fast pushes look alike.
 """
 
+import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn import functional
 
 from pushgraph import pose
 from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, near_pairs
 from pushgraph.graph.pieces import Pieces, gather_pieces, mean_motion, piece_index
-from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, Relations
 from pushgraph.graph.state import Control, State
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 
@@ -151,54 +154,52 @@ def _nodes(state: State, control: Control, pieces: Pieces, step: Tensor, slot: T
 
 def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: Tensor) -> ContactGraph:
     """The graph with its edges: for two bodies one each way, for the tool only towards the body."""
-    geometry = _geometry(state, near, nodes.centre[first], nodes.centre[second])
-    mirrored = (near.part < 0).nonzero().squeeze(-1)
-    geometry = _mirror(geometry, mirrored)
-    receiver, sender = torch.cat((first, second[mirrored])), torch.cat((second, first[mirrored]))
-    step = nodes.step[receiver]
-
-    def doubled(column: Tensor, other: Tensor | None = None) -> Tensor:
-        return torch.cat((column, (column if other is None else other)[mirrored]))
-
-    def steps(lengths: Tensor) -> Tensor:
-        return (lengths / step.view(-1, *[1] * (lengths.dim() - 1))).clamp(-CLAMP, CLAMP)
-
-    scenes, relations = state.scenes, state.relations
-    pair, scene = doubled(near.pair), doubled(near.scene)
-    bodies, joint = pair >= 0, pair.clamp(min=0)
-    kind = torch.where(bodies, relations.kind[scene, joint], 0)
-    unknown, remembered = bodies & ~relations.known[scene, joint], bodies & relations.remembered[scene, joint]
+    scenes, relations, is_tool = state.scenes, state.relations, near.part >= 0
+    bodies = scenes.mass.shape[1]
+    joint = near.scene * relations.kind.shape[1] + near.pair.clamp(min=0)
+    row_a, row_b = near.scene * bodies + near.first, near.scene * bodies + near.second.clamp(min=0)
+    kind = _rows(relations.kind, joint).masked_fill(is_tool, 0)
+    unknown, remembered = ~(_rows(relations.known, joint) | is_tool), _rows(relations.remembered, joint) & ~is_tool
     prismatic, revolute = kind == JOINT_CODES["prismatic"], kind == JOINT_CODES["revolute"]
-    held = remembered.float()[:, None]
-    drift, turn, axis = geometry.drift * held, geometry.turn[:, None] * held, geometry.axis * prismatic[:, None]
-    room = torch.where((prismatic | revolute)[:, None], geometry.slack, UNLIMITED)
-    of_joint = torch.stack((torch.ones_like(held), torch.ones_like(held), held), 1)
-    levers = torch.cat((geometry.receiver_levers * of_joint, geometry.sender_levers * of_joint), 1) / LEVER
-    first_yaw = scenes.yaw_known[near.scene, near.first]
-    second_yaw = (near.part >= 0) | scenes.yaw_known[near.scene, near.second.clamp(min=0)]
+    flags = torch.stack((prismatic, revolute, unknown, remembered), -1).to(nodes.features.dtype)
+    poses = _rows(state.poses, row_a), _rows(state.poses, row_b)
+    local, normal = _in_contact_frame(near, relations, joint, *poses, nodes.centre[first], nodes.centre[second])
+    turn = pose.wrap_angle((poses[1][:, 2] - poses[0][:, 2] - _rows(relations.yaw_offset, joint)).float()) * LEVER
+
+    limits = _rows(relations.limits, joint) * torch.where(revolute, LEVER, 1.0)[:, None]
+    along = torch.where(revolute, turn, (local[:, 6] * local[:, 7]).sum(-1))
+    slack = torch.stack((along - limits[:, 0], limits[:, 1] - along), -1)
+    slack = torch.where((prismatic | revolute)[:, None], slack, UNLIMITED)
+    held, slides = flags[:, 3:], flags[:, :1]
+    ones = torch.ones_like(held)
+    local = local * torch.cat((ones, ones, held, ones, ones, held, held, slides), -1)[..., None]
+
+    step = nodes.step[first, None]
+    lengths = torch.cat((near.contact.gaps, local[:, 6], turn[:, None] * held, slack), -1)
+    steps, soft = (lengths / step).clamp(-CLAMP, CLAMP), (lengths / _UNITS.to(lengths)).tanh()
+    yaw_known = _rows(scenes.yaw_known, row_a), _rows(scenes.yaw_known, row_b) | is_tool
+    last = in_frame(nodes.last_twist[torch.stack((first, second))], normal)
     features = (
-        doubled(near.fade)[:, None],
-        steps(geometry.gaps),
-        (geometry.gaps / CENTIMETRE).tanh(),
-        levers.flatten(1),
-        torch.stack((prismatic, revolute, unknown, remembered), -1).float(),
-        steps(drift),
-        (drift / CENTIMETRE).tanh(),
-        steps(turn),
-        (turn / LEVER).tanh(),
-        axis,
-        steps(room),
-        (room / LEVER).tanh(),
-        (scenes.side_friction[scene, None] - NOMINAL_SIDE_FRICTION) / FRICTION,
-        scenes.side_friction_known[scene, None].float(),
-        nodes.kinematic[sender, None].float(),
-        doubled(first_yaw, second_yaw)[:, None].float(),
-        doubled(second_yaw, first_yaw)[:, None].float(),
-        (step / STEP).log()[:, None],
-        in_frame(nodes.last_twist[receiver], geometry.normal),
-        in_frame(nodes.last_twist[sender], geometry.normal),
+        near.fade[:, None],
+        *(steps[:, :2], soft[:, :2]),
+        (local[:, :6] / LEVER).flatten(1),
+        flags,
+        *(steps[:, 2:4], soft[:, 2:4], steps[:, 4:5], soft[:, 4:5]),
+        local[:, 7],
+        *(steps[:, 5:], soft[:, 5:]),
+        ((scenes.side_friction - NOMINAL_SIDE_FRICTION) / FRICTION)[near.scene, None],
+        torch.stack((scenes.side_friction_known[near.scene], is_tool, *yaw_known), -1).to(flags.dtype),
+        (step / STEP).log(),
+        *last,
     )
-    gaps = torch.stack((geometry.gaps, torch.zeros_like(geometry.gaps)), -1)
+    edges = torch.cat(features, -1)
+    mirrored = (~is_tool).nonzero().squeeze(-1)
+    edges = torch.cat((edges, _mirror(edges[mirrored])))
+    column = {name: k for k, name in enumerate(EDGE_FEATURES)}
+    levers = edges[:, column["receiver_lever_1_x"] : column["prismatic"]].unflatten(-1, (2, 3, 2))
+    drift = edges[:, None, column["drift_steps_x"] : column["drift_x"]]
+    gaps = functional.pad(edges[:, column["gap_1_steps"] : column["gap_1"], None], (0, 1))
+    axis, hinge = edges[:, column["axis_x"] : column["slack_low_steps"]], edges[:, column["revolute"], None]
     return ContactGraph(
         nodes=nodes.features,
         step=nodes.step,
@@ -206,19 +207,74 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
         kinematic=nodes.kinematic,
         compliance=(LEVER / nodes.patch_radius).square(),
         body=nodes.body,
-        receiver=receiver,
-        sender=sender,
-        edges=torch.cat(features, -1),
-        normal=geometry.normal,
-        receiver_levers=levers[:, :3],
-        sender_levers=levers[:, 3:],
-        offsets=torch.cat((steps(gaps), steps(drift)[:, None]), 1),
-        turn=steps(turn)[:, 0],
-        slack=steps(room),
-        slack_axis=torch.cat((axis, revolute.float()[:, None]), -1),
+        receiver=torch.cat((first, second[mirrored])),
+        sender=torch.cat((second, first[mirrored])),
+        edges=edges,
+        normal=torch.cat((normal, -normal[mirrored])),
+        receiver_levers=levers[:, 0],
+        sender_levers=levers[:, 1],
+        offsets=torch.cat((gaps, drift), 1),
+        turn=edges[:, column["turn_steps"]],
+        slack=edges[:, column["slack_low_steps"] : column["slack_low"]],
+        slack_axis=torch.cat((axis, hinge), -1),
         relation=_relation(near, mirrored, relations.kind.shape[1]),
         pieces=nodes.pieces,
     )
+
+
+_UNITS = torch.tensor((CENTIMETRE,) * 4 + (LEVER,) * 3)
+"""Of gaps, drift, turn and slack."""
+
+
+def _rows(values: Tensor, rows: Tensor) -> Tensor:
+    """Rows of values [batch, n, ...] seen as [batch * n, ...]."""
+    return values.flatten(0, 1).index_select(0, rows)
+
+
+def _in_contact_frame(
+    near: Near, relations: Relations, joint: Tensor, pose_a: Tensor, pose_b: Tensor, centre_a: Tensor, centre_b: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Levers of the first end to two contacts and the joint, those of the second, the joint's drift and its axis,
+    [pairs, 8, 2] (m) in contact frame; and the normal in the world. One complex product turns a planar vector."""
+    yaw_a, yaw_ab = pose_a[:, 2].float(), (pose_b[:, 2] - pose_a[:, 2]).float()
+    turn_a, turn_ab = torch.complex(yaw_a.cos(), yaw_a.sin()), torch.complex(yaw_ab.cos(), yaw_ab.sin())
+    # Subtracted before anything is turned or rounded, so that nothing is lost far from the origin.
+    positions = torch.stack((centre_a, centre_b, pose_b[:, :2]), 1) - pose_a[:, None, :2]
+    positions = pose.as_complex(positions.float()) * turn_a.conj()[:, None]
+    anchor_a = pose.as_complex(_rows(relations.anchor_a, joint))[:, None]
+    anchor_b = pose.as_complex(_rows(relations.anchor_b, joint)) * turn_ab + positions[:, 2]
+    axis = pose.as_complex(_rows(relations.axis, joint))[:, None]
+    points = (pose.as_complex(points) for points in (near.contact.points_a, near.contact.points_b))
+    ends = torch.cat((next(points), anchor_a, next(points), anchor_b[:, None]), 1)
+    levers = ends - positions[:, :2].repeat_interleave(3, 1)
+    normal = pose.as_complex(near.contact.normal)
+    local = torch.cat((levers, anchor_b[:, None] - anchor_a, axis), 1) * normal.conj()[:, None]
+    return torch.view_as_real(local), torch.view_as_real(normal * turn_a)
+
+
+def _mirror(edges: Float[Tensor, "edges edge_features"]) -> Float[Tensor, "edges edge_features"]:
+    """Edges the other way; both axes of the contact frame then point the other way too.
+
+    What stands between the two ends is the same in that frame, but levers and motions change sides and point the
+    other way, and a turn its sign. A turn's limits change places with it; along the axis of a slider they need not.
+    """
+    hinge = edges[:, EDGE_FEATURES.index("revolute"), None] > 0
+    columns = torch.tensor((_OTHER_END, _OTHER_END_OF_HINGE), device=edges.device)
+    return torch.where(hinge, edges[:, columns[1]], edges[:, columns[0]]) * edges.new_tensor(_SIGN)
+
+
+def _exchanged(a: str, b: str, names: Sequence[str]) -> list[str]:
+    """The names, those that begin with `a` exchanged with those that begin with `b` where there are both."""
+    swap = {name: b + name.removeprefix(a) for name in names if name.startswith(a)}
+    swap = {one: other for one, other in swap.items() if other in names}
+    swap |= {other: one for one, other in swap.items()}
+    return [swap.get(name, name) for name in names]
+
+
+_SWAPPED = _exchanged("receiver", "sender", EDGE_FEATURES)
+_OTHER_END = [EDGE_FEATURES.index(name) for name in _SWAPPED]
+_OTHER_END_OF_HINGE = [EDGE_FEATURES.index(name) for name in _exchanged("slack_low", "slack_high", _SWAPPED)]
+_SIGN = [-1.0 if re.search("_lever_|^turn|_last_[xy]", name) else 1.0 for name in EDGE_FEATURES]
 
 
 def _relation(near: Near, mirrored: Tensor, pairs: int) -> Tensor:
@@ -226,76 +282,22 @@ def _relation(near: Near, mirrored: Tensor, pairs: int) -> Tensor:
     return torch.cat((torch.where(near.pair >= 0, first, -1), first[mirrored] + 1))
 
 
-def in_frame(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) -> Float[Tensor, "edges 3"]:
+def in_frame(
+    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
+) -> Float[Tensor, "*batch edges 3"]:
     """A twist in a contact frame, given that frame's x-axis; both in world axes."""
-    x, y = normal[:, 0], normal[:, 1]
-    return torch.stack((twist[:, 0] * x + twist[:, 1] * y, twist[:, 1] * x - twist[:, 0] * y, twist[:, 2]), -1)
+    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
+    return torch.stack((along * x + across * y, across * x - along * y, turn), -1)
 
 
-def in_world(twist: Float[Tensor, "edges 3"], normal: Float[Tensor, "edges 2"]) -> Float[Tensor, "edges 3"]:
+def in_world(
+    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
+) -> Float[Tensor, "*batch edges 3"]:
     """A twist in world axes, given in the contact frame of this x-axis."""
-    x, y = normal[:, 0], normal[:, 1]
-    return torch.stack((twist[:, 0] * x - twist[:, 1] * y, twist[:, 0] * y + twist[:, 1] * x, twist[:, 2]), -1)
+    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
+    return torch.stack((along * x - across * y, along * y + across * x, turn), -1)
 
 
 def perpendicular(vectors: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
     """Vectors turned to the left by a right angle."""
     return torch.stack((-vectors[..., 1], vectors[..., 0]), -1)
-
-
-class _Geometry(NamedTuple):
-    """Geometry of edges in metres, contact frame; `turn` in metres at LEVER."""
-
-    normal: Tensor
-    gaps: Tensor
-    receiver_levers: Tensor
-    sender_levers: Tensor
-    drift: Tensor
-    turn: Tensor
-    axis: Tensor
-    slack: Tensor
-    revolute: Tensor
-
-
-def _geometry(state: State, near: Near, centre_a: Tensor, centre_b: Tensor) -> _Geometry:
-    relations, scene, touch = state.relations, near.scene, near.contact
-    _, b = pairs_of(state.poses.shape[1], state.poses.device)
-    joint = near.pair.clamp(min=0)
-    pose_a, pose_b = state.poses[scene, near.first], state.poses[scene, b[joint]]
-    yaw_a, yaw_b = pose_a[:, 2].float(), pose_b[:, 2].float()
-    from_a, a_to_b = (pose_a[:, :2] - centre_a).float(), (centre_b - centre_a).float()
-    from_b = (pose_b[:, :2] - centre_b).float()
-    normal = pose.rotate(touch.normal, yaw_a)
-    points_a = pose.rotate(touch.points_a, yaw_a[:, None]) + from_a[:, None]
-    points_b = pose.rotate(touch.points_b, yaw_a[:, None]) + (from_a - a_to_b)[:, None]
-    anchor_a = pose.rotate(relations.anchor_a[scene, joint], yaw_a) + from_a
-    anchor_b = pose.rotate(relations.anchor_b[scene, joint], yaw_b) + from_b
-    world = torch.cat((points_a, anchor_a[:, None], points_b, anchor_b[:, None]), 1)
-    axis = pose.rotate(relations.axis[scene, joint], yaw_a)
-    world = torch.cat((world, (anchor_b - anchor_a + a_to_b)[:, None], axis[:, None]), 1)
-    x, y = normal[:, None, 0], normal[:, None, 1]
-    local = torch.stack((world[..., 0] * x + world[..., 1] * y, world[..., 1] * x - world[..., 0] * y), -1)
-    drift, axis = local[:, 6], local[:, 7]
-    turn = pose.wrap_angle((pose_b[:, 2] - pose_a[:, 2] - relations.yaw_offset[scene, joint]).float()) * LEVER
-    revolute = relations.kind[scene, joint] == JOINT_CODES["revolute"]
-    along = torch.where(revolute, turn, (drift * axis).sum(-1))
-    limits = relations.limits[scene, joint] * torch.where(revolute, LEVER, 1.0)[:, None]
-    slack = torch.stack((along - limits[:, 0], limits[:, 1] - along), -1)
-    return _Geometry(normal, touch.gaps, local[:, :3], local[:, 3:6], drift, turn, axis, slack, revolute)
-
-
-def _mirror(edges: _Geometry, mirrored: Tensor) -> _Geometry:
-    """Append the edges the other way; both axes of the contact frame then point the other way too.
-
-    What stands between the two ends is the same in that frame, but levers change sides, and a turn its sign. A turn's
-    limits change places with it; along the axis of a slider they need not.
-    """
-    some = _Geometry(*(column[mirrored] for column in edges))
-    turned = some._replace(
-        normal=-some.normal,
-        receiver_levers=-some.sender_levers,
-        sender_levers=-some.receiver_levers,
-        turn=-some.turn,
-        slack=torch.where(some.revolute[:, None], some.slack.flip(-1), some.slack),
-    )
-    return _Geometry(*(torch.cat(columns) for columns in zip(edges, turned, strict=True)))

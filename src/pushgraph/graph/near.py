@@ -42,15 +42,15 @@ def near_pairs(
 ) -> Near:
     """Pairs that share an edge in this frame; `index` is the piece of each body, `step` how far each tool moves (m)."""
     candidates = _candidates(state, control, index, step)
-    candidates = candidates.take(_tied_to_tool(candidates, index))
+    candidates = candidates.take(_tied_to_tool(candidates, index, torch.ones_like(candidates.part, dtype=torch.bool)))
     contact = _contacts(state, control, candidates)
     linked = _linked(state, candidates, contact.gap)
     reach = MARGIN + STEPS_OF_REACH * step[candidates.scene]
     fade = ((reach - contact.gap) / (reach / 3)).clamp(0, 1)
     fade = torch.where(linked, 1.0, fade)
-    chosen = (linked | (fade > 0)).nonzero().squeeze(-1)
-    chosen = chosen[_tied_to_tool(candidates.take(chosen), index)]
-    return Near(*candidates.take(chosen), Contact(*(values[chosen] for values in contact)), fade[chosen])
+    chosen = _tied_to_tool(candidates, index, fade > 0)
+    contact = Contact(*(values.index_select(0, chosen) for values in contact))
+    return Near(*candidates.take(chosen), contact, fade.index_select(0, chosen))
 
 
 class _Pairs(NamedTuple):
@@ -61,7 +61,7 @@ class _Pairs(NamedTuple):
     pair: Tensor
 
     def take(self, index: Tensor) -> "_Pairs":
-        return _Pairs(*(column[index] for column in self))
+        return _Pairs(*torch.stack(self).index_select(1, index))
 
 
 def _candidates(state: State, control: Control, index: Tensor, step: Tensor) -> _Pairs:
@@ -94,20 +94,18 @@ def _candidates(state: State, control: Control, index: Tensor, step: Tensor) -> 
     )
 
 
-def _tied_to_tool(pairs: _Pairs, index: Tensor) -> Tensor:
-    """Which pairs a chain of pairs ties to the tool."""
-    bodies = index.shape[1]
-    first = pairs.scene * bodies + index[pairs.scene, pairs.first]
-    second = pairs.scene * bodies + index[pairs.scene, pairs.second.clamp(min=0)]
-    second = torch.where(pairs.part >= 0, first, second)
-    reached = torch.zeros(index.numel(), dtype=torch.bool, device=index.device)
-    reached[first[pairs.part >= 0]] = True
-    tied, count = reached[first], -1
-    while int(tied.sum()) != count:
-        count = int(tied.sum())
-        reached[first[tied]], reached[second[tied]] = True, True
-        tied = reached[first] | reached[second]
-    return tied
+def _tied_to_tool(pairs: _Pairs, index: Tensor, shares: Bool[Tensor, " pairs"]) -> Int[Tensor, " tied"]:
+    """Rows of the pairs that a chain of pairs, all of which share an edge, ties to the tool."""
+    row, label, is_tool = pairs.scene * index.shape[1], index.flatten(), pairs.part >= 0
+    first = row + label[row + pairs.first]
+    second = torch.where(is_tool, first, row + label[row + pairs.second])
+    ends = torch.stack((first, second))
+    reached = torch.zeros_like(label, dtype=torch.bool)
+    tied, before = shares & is_tool, None
+    while before is None or not torch.equal(tied, before):
+        reached.index_fill_(0, ends[:, tied].flatten(), True)
+        tied, before = shares & reached[ends].any(0), tied
+    return tied.nonzero().squeeze(-1)
 
 
 def _linked(state: State, pairs: _Pairs, gap: Tensor) -> Bool[Tensor, " pairs"]:

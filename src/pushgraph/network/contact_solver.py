@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn import functional
 
 from pushgraph.graph.contact_graph import (
     CLAMP,
@@ -60,44 +61,86 @@ class ContactSolver(nn.Module):
             self.force.bias.zero_()
 
     def forward(self, graph: ContactGraph) -> Solution:
-        """Solve one frame."""
-        receiver, sender = graph.receiver, graph.sender
-        edge = self.edge_encoder(graph.edges)
-        node = self.node_encoder(graph.nodes)
-        weight = graph.edges[:, :1]
-        free = (~graph.kinematic)[:, None].to(edge.dtype)
+        """Solve one frame.
+
+        Latents have the precision of the weights, estimates always that of the graph.
+        """
+        precision = self.force.weight.dtype
+        edge = self.edge_encoder(graph.edges.to(precision))
+        node = self.node_encoder(graph.nodes.to(precision))
+        free = (~graph.kinematic)[:, None].to(graph.twist.dtype)
+        ends = torch.stack((graph.receiver, graph.sender), 1).flatten()
+        at_rest, of_ends, of_force = _linear_maps(graph)
+        # In `from_nodes`, viewed as two rows a node, the first is for where it receives, the second where it sends.
+        halves = (2 * ends.view(-1, 2) + ends.new_tensor([0, 1])).flatten()
+        pairs = torch.arange(0, len(ends), 2, device=ends.device)
+        order = graph.receiver.argsort(stable=True)
+        received = torch.searchsorted(graph.receiver[order], torch.arange(len(node), device=ends.device))
+        weight = graph.edges[order, 0]
         twist = graph.twist
-        arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
         for _ in range(self.steps):
-            at_receiver, at_sender = (in_frame(twist.index_select(0, end), graph.normal) for end in (receiver, sender))
-            to_receiver, to_sender = self.from_nodes(node).chunk(2, -1)
-            hidden = edge + self.from_estimates(_estimates(graph, at_receiver, at_sender, *arms))
-            hidden = hidden + to_receiver.index_select(0, receiver) + to_sender.index_select(0, sender)
-            hidden = self.message(hidden.relu()).relu()
-            force = self.force(hidden).to(twist.dtype) * weight
-            total = torch.zeros_like(node).index_add(0, receiver, hidden * weight.to(hidden.dtype))
+            at_ends = twist.index_select(0, ends).view(-1, 6).t()
+            estimates = _clamped(at_rest + (of_ends * at_ends[..., None]).sum(0))
+            hidden = edge + self.from_estimates(estimates.to(precision))
+            hidden += _sums(self.from_nodes(node).view(-1, self.hidden), halves, pairs)
+            hidden = self.message(hidden.relu_()).relu_()
+            total = _sums(hidden, order, received, weight.to(hidden.dtype))
             node = node + self.node_update(torch.cat((node, total), -1))
-            change = _pushed(force, arms[0], graph.compliance.index_select(0, receiver))
-            change = torch.zeros_like(twist).index_add(0, receiver, in_world(change, graph.normal))
+            force = torch.addmm(self.force.bias[:, None], self.force.weight, hidden.t()).to(twist.dtype)
+            change = torch.zeros_like(twist).index_add(0, graph.receiver, (of_force * force[..., None]).sum(0))
             damping = self.damping(node).to(twist.dtype)
             damping = torch.cat((damping[:, :1], damping), -1)
             twist = twist + free * (change + damping * twist)
         return Solution(twist, hidden)
 
 
+def _sums(rows: Tensor, index: Tensor, starts: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Sums of the rows at index[starts[k] : starts[k + 1]], times their weights: gathered and added in one pass."""
+    return functional.embedding_bag(index, rows, starts, mode="sum", per_sample_weights=weight)
+
+
+def _linear_maps(graph: ContactGraph) -> tuple[Tensor, Tensor, Tensor]:
+    """All that the loop needs of the geometry: estimates [edges, 15] are affine in the twists of the two ends, world
+    axes, [6, edges, 15], and changes of the receiver, world axes, linear in the forces, [7, edges, 3].
+
+    They are written down by what they make of unit twists and forces.
+    """
+    edges = len(graph.normal)
+    arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
+    unit = torch.eye(6, dtype=graph.twist.dtype, device=graph.twist.device)[:, None].expand(6, edges, 6)
+    at_receiver, at_sender = (in_frame(twist, graph.normal) for twist in (unit[..., :3], unit[..., 3:]))
+    of_ends = _relative(graph, at_receiver, at_sender, *arms)
+    unit = torch.eye(FORCES, dtype=graph.twist.dtype, device=graph.twist.device)[:, None].expand(-1, edges, -1)
+    pushed = _pushed(unit * graph.edges[:, :1], arms[0], graph.compliance.index_select(0, graph.receiver))
+    return _at_rest(graph), of_ends, in_world(pushed, graph.normal)
+
+
 def _estimates(graph: ContactGraph, at_receiver: Tensor, at_sender: Tensor, arm: Tensor, sender_arm: Tensor) -> Tensor:
     """What the estimates leave of offsets, turn and slack, and the estimates themselves, in contact frame."""
-    moved = at_sender[:, None, :2] + at_sender[:, None, 2:] * sender_arm
-    moved = moved - at_receiver[:, None, :2] - at_receiver[:, None, 2:] * arm
-    left = (graph.offsets + moved).clamp(-CLAMP, CLAMP).flatten(1)
-    turned = at_sender[:, 2] - at_receiver[:, 2]
-    used = (moved[:, 2] * graph.slack_axis[:, :2]).sum(-1) + turned * graph.slack_axis[:, 2]
-    slack = (graph.slack + torch.stack((used, -used), -1)).clamp(-CLAMP, CLAMP)
-    return torch.cat((left, (graph.turn + turned)[:, None].clamp(-CLAMP, CLAMP), slack, at_receiver, at_sender), -1)
+    return _clamped(_at_rest(graph) + _relative(graph, at_receiver, at_sender, arm, sender_arm))
+
+
+def _clamped(estimates: Tensor) -> Tensor:
+    estimates[:, :9].clamp_(-CLAMP, CLAMP)
+    return estimates
+
+
+def _at_rest(graph: ContactGraph) -> Tensor:
+    """The estimates while nothing moves."""
+    return functional.pad(torch.cat((graph.offsets.flatten(1), graph.turn[:, None], graph.slack), -1), (0, 6))
+
+
+def _relative(graph: ContactGraph, at_receiver: Tensor, at_sender: Tensor, arm: Tensor, sender_arm: Tensor) -> Tensor:
+    """How the twists of the two ends, in contact frame, change the estimates, before these are clamped."""
+    apart = at_sender - at_receiver
+    moved = apart[..., None, :2] + at_sender[..., None, 2:] * sender_arm - at_receiver[..., None, 2:] * arm
+    turned = apart[..., 2:]
+    used = (moved[..., 2, :] * graph.slack_axis[:, :2]).sum(-1, keepdim=True) + turned * graph.slack_axis[:, 2:]
+    return torch.cat((moved.flatten(-2), turned, used, -used, at_receiver, at_sender), -1)
 
 
 def _pushed(force: Tensor, arms: Tensor, compliance: Tensor) -> Tensor:
     """How forces at the ends of the arms, and a torque, move the receiver; contact frame."""
-    forces = force[:, :6].view(-1, 3, 2)
-    torque = (forces * arms).sum((1, 2)) * compliance + force[:, 6]
-    return torch.cat((forces.sum(1), torque[:, None]), -1)
+    forces = force[..., :6].unflatten(-1, (3, 2))
+    torque = (forces * arms).sum((-2, -1)) * compliance + force[..., 6]
+    return torch.cat((forces.sum(-2), torque[..., None]), -1)

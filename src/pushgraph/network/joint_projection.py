@@ -40,17 +40,19 @@ def hold_joints(graph: ContactGraph, twist: Float[Tensor, "nodes 3"]) -> Float[T
     impulse_of = torch.where(revolute[:, None, None], hinge, slider)
     torque_of = torch.where(revolute, 0.0, 1 / (turns[0] + turns[1]))
 
+    # What a joint answers to the twists of its ends, world axes, is affine in them: found once, from unit twists.
+    def answer(apart: Tensor, turned: Tensor) -> Tensor:
+        impulse = (impulse_of @ apart[..., None]).squeeze(-1)
+        torque = torque_of * turned + (impulse * arms[0]).sum(-1)
+        change = torch.cat((impulse * moves[0][:, None], (torque * turns[0])[..., None]), -1)
+        return in_world(change * share[:, None], normal)
+
+    unit = torch.eye(6, dtype=twist.dtype, device=twist.device)[:, None].expand(6, len(joints), 6)
+    here, there = in_frame(unit[..., :3], normal), in_frame(unit[..., 3:], normal)
+    apart = there[..., :2] + there[..., 2:] * arms[1] - here[..., :2] - here[..., 2:] * arms[0]
+    at_rest, of_ends = answer(drift, turn), answer(apart, there[..., 2] - here[..., 2])
+    ends = torch.stack((receiver, sender), 1).flatten()
     for _ in range(ITERATIONS):
-        ends = [in_frame(twist[end], normal) for end in (receiver, sender)]
-        here, there = (end[:, :2] + end[:, 2:] * arm for end, arm in zip(ends, arms, strict=True))
-        impulse = (impulse_of @ (drift + there - here)[:, :, None]).squeeze(-1)
-        torque = torque_of * (turn + ends[1][:, 2] - ends[0][:, 2])
-        change = torch.cat(
-            (
-                impulse * moves[0][:, None],
-                ((impulse * arms[0]).sum(-1) * turns[0] + torque * turns[0])[:, None],
-            ),
-            -1,
-        )
-        twist = twist.index_add(0, receiver, in_world(change * share[:, None], normal))
+        at_ends = twist.index_select(0, ends).view(-1, 6).t()
+        twist = twist.index_add(0, receiver, at_rest + (of_ends * at_ends[..., None]).sum(0))
     return twist

@@ -37,9 +37,10 @@ class PropagationNetwork(nn.Module):
         self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 3))
 
     def forward(self, graph: PropnetGraph) -> Propagated:
-        """Propagate through a graph."""
-        objects = self.object_encoder(graph.nodes)
-        relations = self.relation_from_relation(self.relation_encoder(graph.edges))
+        """Propagate through a graph, in the precision of the weights."""
+        precision = self.head[0].weight.dtype
+        objects = self.object_encoder(graph.nodes.to(precision))
+        relations = self.relation_from_relation(self.relation_encoder(graph.edges.to(precision)))
         effect = objects
         for _ in range(self.steps):
             to_receiver, to_sender = self.relation_from_objects(effect).chunk(2, -1)
@@ -47,7 +48,7 @@ class PropagationNetwork(nn.Module):
             relation = (relation + to_sender.index_select(0, graph.sender)).relu()
             total = torch.zeros_like(effect).index_add(0, graph.receiver, relation)
             effect = self.dropout((self.object_propagator(torch.cat((objects, total), -1)) + effect).relu())
-        return Propagated(self.head(effect), relation)
+        return Propagated(self.head(effect).to(graph.nodes.dtype), relation)
 
 
 def _mlp(inputs: int, hidden: int, layers: int) -> nn.Sequential:
