@@ -31,7 +31,9 @@ def main() -> None:
         probabilities = regulator.observe(poses + noise, down=bool(push == 0))
         if frame % 8 == 0:
             row = dict(zip(regulator.pairs, probabilities, strict=True))["left", "middle"]
-            print(f"frame {frame:2d}: none {row[0]:.2f} fixed {row[1]:.2f} prismatic {row[2]:.2f} revolute {row[3]:.2f}")
+            print(
+                f"frame {frame:2d}: none {row[0]:.2f} fixed {row[1]:.2f} prismatic {row[2]:.2f} revolute {row[3]:.2f}"
+            )
 
     # The believed scene stands where the camera saw it last.
     believed = regulator.scene()

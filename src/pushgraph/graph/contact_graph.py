@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pushgraph import pose
-from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, near_pairs
+from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, near_pairs, tool_step
 from pushgraph.graph.pieces import Pieces, gather_pieces, mean_motion, piece_index
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations
 from pushgraph.graph.state import Control, State
@@ -90,8 +90,7 @@ def contact_graph(state: State, control: Control) -> ContactGraph:
     """Build the graph of one frame; float32, whatever the precision of the poses."""
     index = piece_index(state.scenes, state.relations)
     pieces = gather_pieces(state.scenes, index, state.poses[..., :2])
-    step = control.motion[:, :2].norm(dim=-1) + control.motion[:, 2].abs() * state.scenes.reach
-    step = torch.where(control.down, step, 0.0).float()
+    step = tool_step(state, control)
     near = near_pairs(state, control, index, step)
 
     # Only what an edge meets stands in the graph. A node's slot is its piece's first body; the tool's follows them.

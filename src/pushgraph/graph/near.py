@@ -8,6 +8,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.contact import Contact, RoundedBox, contact_between
+from pushgraph.graph.pieces import piece_index
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.state import Control, State
 
@@ -51,6 +52,26 @@ def near_pairs(
     chosen = _tied_to_tool(candidates, index, fade > 0)
     contact = Contact(*(values.index_select(0, chosen) for values in contact))
     return Near(*candidates.take(chosen), contact, fade.index_select(0, chosen))
+
+
+def tool_step(state: State, control: Control) -> Float[Tensor, " batch"]:
+    """How far the tool moves in the frame (m), its farthest point's turning included; zero while it is lifted."""
+    step = control.motion[:, :2].norm(dim=-1) + control.motion[:, 2].abs() * state.scenes.reach
+    return torch.where(control.down, step, 0.0).float()
+
+
+def may_move(state: State, control: Control) -> Bool[Tensor, "batch bodies"]:
+    """Bodies that the tool can reach in this frame, through others or joints that may be; the rest stays put."""
+    index = piece_index(state.scenes, state.relations)
+    candidates = _candidates(state, control, index, tool_step(state, control))
+    tied = _tied_to_tool(candidates, index, torch.ones_like(candidates.part, dtype=torch.bool))
+    candidates = candidates.take(tied)
+    pieces = torch.zeros_like(index, dtype=torch.bool)
+    pieces[candidates.scene, index[candidates.scene, candidates.first]] = True
+    # The tool's pairs have no second body; -1 would be the last one.
+    second = torch.where(candidates.part >= 0, candidates.first, candidates.second)
+    pieces[candidates.scene, index[candidates.scene, second]] = True
+    return pieces.gather(1, index)
 
 
 class _Pairs(NamedTuple):

@@ -1,13 +1,24 @@
-"""Scenes that are watched: one observed frame after the other, as the memory of pairs needs them."""
+"""Scenes that are watched: one observed frame after the other, as the memory of pairs needs them.
+
+What the tool cannot reach rests, so its pose is the mean of what was seen of it since it came to rest: noise of a
+camera averages out, and so does that of the anchors of pairs that have not been touched yet.
+"""
 
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pushgraph.graph.scene_batch import SceneBatch, pairs_of
+from pushgraph import pose
+from pushgraph.graph.near import may_move
+from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
+
+COASTING = 2
+"""Frames in which a body may still move after nothing reaches it any more."""
+STRAY = 0.005
+"""A body this far from where it rests (m) has moved, whatever the tool's pose says."""
 
 
 class View(NamedTuple):
@@ -15,6 +26,8 @@ class View(NamedTuple):
 
     tool: pose_world_from_tool. tool_motion: how it changed in the frame before. first: where bodies were first seen.
     adjacent_at_first: pairs that were adjacent in the first frame. A body out of sight stays where it was last seen.
+    unreached: frames since a body could last be reached. rested: frames that its pose is the mean of. untouched: bodies
+    that have rested since the first frame.
     """
 
     state: State
@@ -25,6 +38,9 @@ class View(NamedTuple):
     ever_seen: Bool[Tensor, "batch bodies"]
     first: Float[Tensor, "batch bodies 3"]
     adjacent_at_first: Bool[Tensor, "batch pairs"]
+    unreached: Int[Tensor, "batch bodies"]
+    rested: Float[Tensor, "batch bodies"]
+    untouched: Bool[Tensor, "batch bodies"]
 
 
 class Frame(NamedTuple):
@@ -53,7 +69,9 @@ def first_look(
     state = start(scenes, poses)
     still = torch.zeros_like(tool)
     adjacent = state.relations.remembered & ~state.relations.known
-    view = View(state, tool, still, down, seen, seen, poses, adjacent)
+    unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
+    rested = torch.ones_like(seen, dtype=poses.dtype)
+    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen)
     control = Control(tool, still, still, torch.zeros_like(down))
     return view, Frame(state, state, control, poses, adjacent, _both(seen), seen)
 
@@ -66,16 +84,53 @@ def look(
     seen: Bool[Tensor, "batch bodies"],
 ) -> tuple[View, Frame]:
     """The next frame; poses of bodies that are not seen are not looked at."""
-    poses = torch.where(seen[..., None], poses, view.state.poses)
-    continuous = seen & view.seen
-    after = view.state.observe(poses)
-    after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
-    first = torch.where(view.ever_seen[..., None], view.first, poses)
     both = down & view.down
     motion = torch.where(both[:, None], tool - view.tool, 0.0)
     control = Control(view.tool, motion, view.tool_motion, both)
-    frame = Frame(view.state, after, control, first, view.adjacent_at_first, _both(seen), continuous)
-    return View(after, tool, motion, down, seen, seen | view.ever_seen, first, view.adjacent_at_first), frame
+    continuous = seen & view.seen
+
+    last = view.state.poses
+    unreached = torch.where(may_move(view.state, control), 0, view.unreached + 1)
+    strays = (poses[..., :2] - last[..., :2]).norm(dim=-1) > STRAY
+    rests = continuous & (unreached > COASTING) & ~strays
+    rested = torch.where(rests, view.rested + 1, torch.where(seen, 1.0, view.rested))
+    poses = torch.where(rests[..., None], last + (poses - last) / rested[..., None], poses)
+    poses = torch.where(seen[..., None], poses, last)
+    untouched = view.untouched & (rests | ~seen)
+    first = torch.where((view.ever_seen & ~untouched)[..., None], view.first, poses)
+
+    before = view.state._replace(relations=_settled(view.state.relations, poses, _both(untouched)))
+    after = before.observe(poses)
+    after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
+    frame = Frame(before, after, control, first, view.adjacent_at_first, _both(seen), continuous)
+    view = View(
+        after,
+        tool,
+        motion,
+        down,
+        seen,
+        seen | view.ever_seen,
+        first,
+        view.adjacent_at_first,
+        unreached,
+        rested,
+        untouched,
+    )
+    return view, frame
+
+
+def _settled(relations: Relations, poses: Tensor, untouched: Tensor) -> Relations:
+    """Relations whose unknown pairs, as long as both rest, count their drift from where they now are known to stand."""
+    a, b = pairs_of(poses.shape[1], poses.device)
+    now = untouched & relations.remembered & ~relations.known
+    anchor_b = pose.transform(
+        pose.inverse(poses[:, b]), pose.transform(poses[:, a], relations.anchor_a.to(poses.dtype))
+    )
+    offset = poses[:, b, 2] - poses[:, a, 2]
+    return relations._replace(
+        anchor_b=torch.where(now[..., None], anchor_b.to(relations.anchor_b.dtype), relations.anchor_b),
+        yaw_offset=torch.where(now, offset.to(relations.yaw_offset.dtype), relations.yaw_offset),
+    )
 
 
 def _both(seen: Tensor) -> Tensor:
