@@ -53,7 +53,7 @@ weights-propnet: data
 
 weights-belief: data
 	$(BELIEF) --frames 100 --samples 2560000 --learning-rate 3e-3 --out $(CACHE)/belief-100.safetensors
-	$(BELIEF) --frames 200 --samples 960000 --learning-rate 1e-3 --start-from $(CACHE)/belief-100.safetensors \
+	$(BELIEF) --frames 200 --samples 1280000 --learning-rate 1e-3 --start-from $(CACHE)/belief-100.safetensors \
 	  --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data

@@ -535,3 +535,35 @@ def test_a_track_that_cannot_be_is_no_silent_belief(checkpoint, tmp_path) -> Non
             command = ["observe", str(scene), str(seen), "--out", str(tmp_path / "out"), "--model", checkpoint]
             CliRunner().invoke(cli.app, command, catch_exceptions=False)
         assert not (tmp_path / "out").exists()
+
+
+def test_what_rests_is_averaged_and_what_may_move_is_not(ours) -> None:
+    rng = np.random.default_rng(0)
+    scene = Scene(bodies=(body("near", 0.0, 0.0), body("far", 0.5, 0.0), body("farther", 0.5, 0.125)))
+    regulator = BeliefRegulator(scene, ours)
+    noise = []
+    for frame in range(30):
+        poses = np.concatenate(([[-0.108, 0.0003 * frame, 0.0]], scene.poses_world_from_body))
+        noise.append(rng.normal(size=(3, 3)) * [0.001, 0.001, 0.01])
+        poses[1:] += noise[-1]
+        regulator.observe(poses)
+    state = regulator._watched.view.state
+    off = state.poses[0].numpy() - scene.poses_world_from_body
+    np.testing.assert_allclose(off[1:], np.mean(noise, 0)[1:], atol=1e-9)  # the tool is far from both
+    np.testing.assert_allclose(off[0], noise[-1][0], atol=1e-9)  # the tool moves beside it
+    # The anchors of the untouched pair follow: it shows no drift.
+    pair = pair_index(1, 2, 3)
+    relations = state.relations
+    anchors = [
+        pose.transform(state.poses[0, end], anchor[0, pair].double())
+        for end, anchor in ((1, relations.anchor_a), (2, relations.anchor_b))
+    ]
+    np.testing.assert_allclose(anchors[0], anchors[1], atol=1e-6)
+
+
+def test_a_body_that_moves_out_of_reach_is_believed(ours) -> None:
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.5, 0.0)))
+    regulator = BeliefRegulator(scene, ours)
+    for x in (0.5, 0.5, 0.5, 0.51):
+        regulator.observe(np.array([[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [x, 0.0, 0.0]]))
+    assert float(regulator._watched.view.state.poses[0, 1, 0]) == pytest.approx(0.51)
