@@ -58,7 +58,7 @@ class BeliefModel:
         networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, physics))
         return cls(*networks, checkpoint.record)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def begin(
         self,
         scenes: SceneBatch,
@@ -78,7 +78,7 @@ class BeliefModel:
         )
         return self._learn(watch, view, frame)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def observe(
         self,
         watch: Watch,
@@ -99,7 +99,7 @@ class BeliefModel:
         relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
         return Watch(view, relations, memory.objects, watch.begun | evidence.active)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
         """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
         bodies = watch.view.first.shape[1]

@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph import pose
 from pushgraph.graph.contact_graph import LEVER
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.state import State
+from pushgraph.pose import as_complex, wrap_angle
 
 FINE = 0.001
 """Lengths (m), and turns at LEVER, are told as the inverse hyperbolic sine in this unit: fine near zero, not large."""
@@ -43,77 +43,61 @@ def pair_evidence(
     edges in the prediction's graph. down: whether the tool was.
     """
     a, b = pairs_of(first.shape[1], first.device)
+    scenes, relations = after.scenes, after.relations
     ends = torch.stack((a, b), -1)
-    receiver, sender = ends, ends.flip(-1)
-    relations, scenes = after.relations, after.scenes
-    anchors = torch.stack((relations.anchor_a, relations.anchor_b), 2)
-    offset = torch.stack((relations.yaw_offset, -relations.yaw_offset), 2)
-    sender_from_receiver = anchors - pose.rotate(anchors.flip(2), offset)
-    distance = sender_from_receiver.norm(dim=-1)
-    axis = sender_from_receiver / distance.clamp(min=1e-6)[..., None]
 
-    def drift(state: State) -> tuple[Tensor, Tensor, Tensor]:
-        """How far the anchors, the angle and the distance are from what they were."""
-        relative = pose.relative(state.poses[:, receiver], state.poses[:, sender]).float()
-        apart = pose.transform(relative, anchors.flip(2)) - anchors
-        turn = pose.wrap_angle(relative[..., 2] - offset) * LEVER
-        return _along(apart, axis), turn, relative[..., :2].norm(dim=-1) - distance
+    # Planar vectors are complex numbers here: to turn is to multiply. The last axis is for the two directions.
+    anchors = torch.stack((as_complex(relations.anchor_a), as_complex(relations.anchor_b)), -1)
+    offset = torch.stack((relations.yaw_offset, -relations.yaw_offset), -1)
+    others = anchors.flip(-1) * _turn(offset)  # as they stood in the receiver's frame when the memory began
+    distance = (anchors - others).abs()
+    axis = (anchors - others) / distance.clamp(min=1e-6)
 
-    moved, turn, stretch = drift(after)
-    moved_before, turn_before, _ = drift(before)
-    yaw = before.poses[:, receiver, 2].float()
+    # How far anchors, angle and distance are from what they were, before and after.
+    poses = torch.stack((before.poses, after.poses))
+    position, yaw = as_complex(poses[..., :2]), poses[..., 2]
+    to_axis = (_turn(yaw[..., ends].float()) * axis).conj()
+    centres = (position[..., b] - position[..., a]).to(anchors.dtype)
+    reach = anchors * _turn(yaw[..., ends].float())
+    apart = centres + reach[..., 1] - reach[..., 0]
+    drift = torch.stack((apart, -apart), -1) * to_axis
+    turned = (yaw[..., b] - yaw[..., a]).float()
+    turn = wrap_angle(torch.stack((turned, -turned), -1) - offset) * LEVER
+    stretch = centres.abs()[..., None] - distance
 
-    def motions(of_bodies: Tensor) -> Tensor:
-        """Those of receiver and sender, turns at LEVER."""
-        told = []
-        for end in (receiver, sender):
-            motion = of_bodies[:, end].float()
-            told += [_along(pose.rotate(motion[..., :2], -yaw), axis), motion[..., 2:] * LEVER]
-        return torch.cat(told, -1)
+    # Motions and surprises of both ends, told in the receiver's axis.
+    told = torch.stack((after.motions, after.motions - predicted)).float()
+    along = as_complex(told[..., :2])[..., torch.stack((ends, ends.flip(-1)))] * to_axis[0, :, None]
+    turning = told[..., 2][..., torch.stack((ends, ends.flip(-1)))] * LEVER
+    moves = torch.stack((along.real, along.imag, turning), -1)  # [what, batch, end, pairs, 2, 3]
+    moves = moves.permute(1, 3, 4, 0, 2, 5).flatten(3)
 
     since = (after.poses - first).float()
     travel = torch.stack((since[..., :2].norm(dim=-1), since[..., 2].abs() * LEVER), -1)
-    # The sender's anchor is told as it stood in the receiver's frame when the memory began.
-    receiver_anchor = _along(anchors, axis) / LEVER
-    sender_anchor = _along(pose.rotate(anchors.flip(2), offset), axis) / LEVER
+    receiver_travel, sender_travel = travel[:, ends], travel[:, ends.flip(-1)]
+    receiver_anchor, sender_anchor = (torch.view_as_real(some * axis.conj()) / LEVER for some in (anchors, others))
     fine = torch.cat(
         (
-            moved,
-            turn[..., None],
-            stretch[..., None],
-            moved - moved_before,
-            pose.wrap_angle((turn - turn_before) / LEVER)[..., None] * LEVER,
-            motions(after.motions),
-            motions(after.motions - predicted),
+            torch.view_as_real(drift[1]),
+            turn[1, ..., None],
+            stretch[1, ..., None],
+            torch.view_as_real(drift[1] - drift[0]),
+            wrap_angle((turn[1] - turn[0]) / LEVER)[..., None] * LEVER,
+            moves,
+            receiver_travel,
+            sender_travel,
         ),
         -1,
     )
-    receiver_travel, sender_travel = (travel[:, end] / FINE for end in (receiver, sender))
-    flags = torch.stack(
-        (
-            scenes.is_cylinder[:, receiver],
-            scenes.is_cylinder[:, sender],
-            scenes.yaw_known[:, receiver],
-            scenes.yaw_known[:, sender],
-            *(of_pair[..., None].expand(*of_pair.shape, 2) for of_pair in (adjacent_at_first, linked)),
-            down[:, None, None].expand(*linked.shape, 2),
-        ),
-        -1,
-    ).float()
-    return torch.cat(
-        (
-            (fine / FINE).asinh(),
-            receiver_travel.asinh(),
-            receiver_anchor,
-            sender_travel.asinh(),
-            sender_anchor,
-            flags,
-        ),
-        -1,
-    )
+    fine = (fine / FINE).asinh()
+    cylinder, yaw_known = scenes.is_cylinder[:, ends], scenes.yaw_known[:, ends]
+    of_pair = torch.stack((adjacent_at_first, linked, down[:, None].expand_as(linked)), -1)
+    flags = torch.stack((cylinder, cylinder.flip(-1), yaw_known, yaw_known.flip(-1)), -1)
+    flags = torch.cat((flags, of_pair[:, :, None].expand(-1, -1, 2, -1)), -1)
+    told = (fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor, flags.float())
+    return torch.cat(told, -1)
 
 
-def _along(vectors: Tensor, axis: Tensor) -> Tensor:
-    """Vectors told along an axis and to the left of it."""
-    x, y = axis.unbind(-1)
-    return torch.stack((vectors[..., 0] * x + vectors[..., 1] * y, vectors[..., 1] * x - vectors[..., 0] * y), -1)
+def _turn(yaw: Tensor) -> Tensor:
+    """The complex number that turns by yaw (rad)."""
+    return torch.polar(torch.ones_like(yaw), yaw)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.body import Joint
-from pushgraph.contact import RoundedBox, contact_between
+from pushgraph.contact import RoundedBox, contact_between, signed_gap
 from pushgraph.scene import (
     NOMINAL_MASS,
     NOMINAL_SIDE_FRICTION,
@@ -168,13 +168,15 @@ def remember(
     scene, pair = new.nonzero(as_tuple=True)
     if not len(scene):
         return relations
+    boxes = _boxes(scenes, scene, a[pair]), _boxes(scenes, scene, b[pair])
+    close = signed_gap(*boxes, pose.relative(poses[scene, a[pair]], poses[scene, b[pair]]).float()) < adjacent_gap
+    scene, pair = scene[close], pair[close]
+    if not len(scene):
+        return relations
     pose_a, pose_b = poses[scene, a[pair]], poses[scene, b[pair]]
-    touch = contact_between(
-        _boxes(scenes, scene, a[pair]), _boxes(scenes, scene, b[pair]), pose.relative(pose_a, pose_b).float()
-    )
-    close = touch.gap < adjacent_gap
-    scene, pair, pose_a, pose_b = scene[close], pair[close], pose_a[close], pose_b[close]
-    midpoint = (touch.points_a[close, 0] + touch.points_b[close, 0]) / 2
+    boxes = _boxes(scenes, scene, a[pair]), _boxes(scenes, scene, b[pair])
+    touch = contact_between(*boxes, pose.relative(pose_a, pose_b).float())
+    midpoint = (touch.points_a[:, 0] + touch.points_b[:, 0]) / 2
     anchor_world = pose.transform(pose_a, midpoint.to(pose_a))
     anchor_b = pose.transform(pose.inverse(pose_b), anchor_world)
 

@@ -123,6 +123,8 @@ def _settled(relations: Relations, poses: Tensor, untouched: Tensor) -> Relation
     """Relations whose unknown pairs, as long as both rest, count their drift from where they now are known to stand."""
     a, b = pairs_of(poses.shape[1], poses.device)
     now = untouched & relations.remembered & ~relations.known
+    if not now.any():
+        return relations
     anchor_b = pose.transform(
         pose.inverse(poses[:, b]), pose.transform(poses[:, a], relations.anchor_a.to(poses.dtype))
     )
