@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.tool import Push
 
 KINDS = list(JOINT_CODES)
+GOLDEN = Path(__file__).parent / "golden" / "beliefs.json"
 
 
 def untrained(name: str = "belief", seed: int = 0) -> BeliefModel:
@@ -567,3 +569,29 @@ def test_a_body_that_moves_out_of_reach_is_believed(ours) -> None:
     for x in (0.5, 0.5, 0.5, 0.51):
         regulator.observe(np.array([[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [x, 0.0, 0.0]]))
     assert float(regulator._watched.view.state.poses[0, 1, 0]) == pytest.approx(0.51)
+
+
+@pytest.mark.parametrize("name", BELIEFS)
+def test_the_shipped_weights_believe_what_they_did_when_they_were_shipped(name) -> None:
+    track = PhysicsPredictor.load().predict(workshop())
+    believed = BeliefHistory.watch(workshop(), track, name).probabilities[-1]
+    np.testing.assert_allclose(believed, json.loads(GOLDEN.read_text())[name], atol=5e-3)
+
+
+@pytest.mark.parametrize("name", BELIEFS)
+def test_a_shipped_belief_says_how_it_was_trained_and_holds_no_physics(name) -> None:
+    model = BeliefModel.load(name)
+    assert model.record["data"]["seed"] < 1_000_000
+    assert model.record["samples"] > 1e5
+    assert len(model.record["curve"]) >= 5
+    assert not any("solver" in key or "encoder.object" in key for key in model.network.state_dict())
+
+
+def test_the_shipped_belief_tells_a_glued_pair_from_a_loose_one() -> None:
+    scene = Scene(
+        bodies=(body("a", 0.0, 0.0), body("b", 0.0, 0.122), body("c", 0.0, -0.122)),
+        joints=(Joint(kind="fixed", parent="a", child="b"),),
+        pushes=(Push(start=(-0.2, 0.03), end=(0.1, 0.03)),),
+    )
+    believed = BeliefHistory.watch(scene, simulate(scene)).likeliest
+    assert believed == {("a", "b"): "fixed", ("a", "c"): "none", ("b", "c"): "none"}

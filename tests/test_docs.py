@@ -33,14 +33,20 @@ def test_the_readme_s_python_runs_as_printed_and_swings_the_lid(tmp_path: Path) 
     assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("command", re.findall(r"^\$ (pushgraph .*)$", README, re.M))
-def test_the_readme_s_commands_run_as_printed(command: str, tmp_path: Path) -> None:
-    run(command.split(), tmp_path)
-    out = tmp_path / command.split("--out ")[1].split()[0]
+@pytest.mark.parametrize("block", re.findall(r"```console\n(.*?)```", README, re.S))
+def test_the_readme_s_commands_run_as_printed(block: str, tmp_path: Path) -> None:
+    for command in re.findall(r"^\$ (pushgraph .*)$", block, re.M):
+        run(command.split(), tmp_path)
+        check_output(command, tmp_path / command.split("--out ")[1].split()[0])
+
+
+def check_output(command: str, out: Path) -> None:
     assert out.exists()
     if command.split()[1] in ("simulate", "predict"):
         wanted = {"track.h5", "track.csv", "picture.png"} | ({"animation.gif"} if "none" not in command else set())
         assert {path.name for path in out.iterdir()} == wanted
+    if command.split()[1] == "observe":
+        assert {path.name for path in out.iterdir()} == {"beliefs.json", "beliefs.png", "scene.json"}
     if command.split()[1] == "evaluate":
         content = json.loads((out / "results.json").read_text())
         assert (content["suite"], content["protocol"]["seed"]) == ("physics", 1_000_000)

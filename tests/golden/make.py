@@ -11,9 +11,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from scenes import workshop
 
-from pushgraph import load
+from pushgraph import BeliefHistory, load
+from pushgraph.network.belief_network import BELIEFS
 from pushgraph.physics import MODELS
 
 if __name__ == "__main__":
-    final = {model: load(model).predict(workshop()).poses[-1].round(6).tolist() for model in MODELS}
+    tracks = {model: load(model).predict(workshop()) for model in MODELS}
+    final = {model: track.poses[-1].round(6).tolist() for model, track in tracks.items()}
     Path(__file__).with_name("predictions.json").write_text(json.dumps(final, indent=1))
+    believed = {
+        model: BeliefHistory.watch(workshop(), tracks["contact"], model).probabilities[-1].round(5).tolist()
+        for model in BELIEFS
+    }
+    Path(__file__).with_name("beliefs.json").write_text(json.dumps(believed, indent=1))

@@ -17,6 +17,10 @@ from pushgraph.graph.state import Control, State
 from pushgraph.network.dynamics import Foresight
 
 
+LATENT_UNIT = 0.01
+"""Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""
+
+
 class Rows(NamedTuple):
     """Pairs of many scenes in a row. receiver, sender: the bodies' places in [batch * bodies], for both directions."""
 
@@ -133,7 +137,7 @@ class PaperBelief(nn.Module):
     @staticmethod
     def schema() -> dict[str, Any]:
         """It has no features of its own."""
-        return {}
+        return {"constants": {"latent_unit": LATENT_UNIT}}
 
     def evidence(
         self,
@@ -145,7 +149,7 @@ class PaperBelief(nn.Module):
         adjacent_at_first: Bool[Tensor, "batch pairs"],
     ) -> Evidence:
         """Latents alone; see `BeliefNetwork.evidence`."""
-        return Evidence(foresight.latents.float(), foresight.linked & ~after.relations.known)
+        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~after.relations.known)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
         """The latents themselves."""
