@@ -57,7 +57,7 @@ weights-belief: data
 	  --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
-	$(BELIEF) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 800000 --learning-rate 1e-3 \
+	$(BELIEF) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 640000 --learning-rate 1e-3 \
 	  --out $(WEIGHTS)/paper_recipe.safetensors
 
 clean:

@@ -9,16 +9,16 @@ import pushgraph as pg
 
 
 def main() -> None:
-    """Three blocks in a row; two are hinged to each other, which only the simulator knows."""
-    size = pg.Cuboid(size=(0.10, 0.08))
-    blocks = tuple(
-        pg.Body(name=name, shape=size, pose_world_from_body=(0.105 * k, 0.0, 0.0), mass=0.5)
+    """Three discs in a row; two are hinged to each other, which only the simulator knows."""
+    disc = pg.Cylinder(diameter=0.10)
+    discs = tuple(
+        pg.Body(name=name, shape=disc, pose_world_from_body=(0.11 * k, 0.0, 0.0), mass=0.5)
         for k, name in enumerate(("left", "middle", "right"))
     )
     hinge = pg.Joint(kind="revolute", parent="left", child="middle")
     first = pg.Push(start=(0.12, 0.15), end=(0.11, -0.03), speed=0.2)
     second = pg.Push(start=(-0.02, -0.16), end=(-0.02, 0.02), speed=0.2)
-    truth = pg.Scene(bodies=blocks, joints=(hinge,), pushes=(first, second), tool=pg.Tool.round(0.05))
+    truth = pg.Scene(bodies=discs, joints=(hinge,), pushes=(first, second), tool=pg.Tool.round(0.05))
     seen = pg.simulate(truth)
 
     regulator = pg.BeliefRegulator(truth.replace(joints=()))
