@@ -57,8 +57,8 @@ weights-belief: data
 	  --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
-	$(BELIEF) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 640000 --learning-rate 1e-3 \
-	  --out $(WEIGHTS)/paper_recipe.safetensors
+	$(BELIEF) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
+	  --precision bfloat16 --out $(WEIGHTS)/paper_recipe.safetensors
 
 clean:
 	rm -rf $(VENV) demo
