@@ -120,7 +120,6 @@ def test_training_learns_and_goes_on_where_it_stopped(model, data, tmp_path, mon
     whole = load_checkpoint(tmp_path / "whole.safetensors")
     curve = whole.record["curve"]
     assert curve[-1]["loss"] < curve[0]["loss"]
-    assert min(row["nll_adjacent"] for row in curve) < np.log(4)
     assert whole.physics == load_checkpoint(shipped(whole.network.PHYSICS)).hash
     assert whole.record["samples"] == 30 * 4 * 14
 

@@ -151,7 +151,7 @@ def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monke
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"model": "magic"}, "no predictor 'magic'; valid: propnet, contact"),
+        ({"model": "magic"}, "no model 'magic'; valid: propnet, contact"),
         ({"precision": "float16"}, "precision: must be float32 or bfloat16"),
         ({"samples": 0}, "samples: must be at least 1"),
         ({"data": "none.h5"}, "no such dataset: none.h5; make it with pushgraph generate"),
