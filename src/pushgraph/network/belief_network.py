@@ -16,7 +16,6 @@ from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.state import Control, State
 from pushgraph.network.dynamics import Foresight
 
-
 LATENT_UNIT = 0.01
 """Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""
 
