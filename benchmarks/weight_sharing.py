@@ -30,8 +30,8 @@ class SeparateBelief(BeliefNetwork):
         super().__init__(hidden)
         self.own = ContactDynamics()
 
-    def evidence(self, before, after, control, foresight, first, adjacent_at_first):
-        return super().evidence(before, after, control, self.own.foresee(before, control), first, adjacent_at_first)
+    def evidence(self, frame, foresight):
+        return super().evidence(frame, self.own.foresee(frame.before, frame.control))
 
 
 def trained(network: nn.Module, training: BeliefTraining) -> tuple[dict[str, float], float]:

@@ -113,14 +113,7 @@ def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Eviden
     """What a frame tells a belief network about every pair."""
     foresight = dynamics.foresee(frame.before, frame.control)
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
-    evidence = network.evidence(
-        frame.before,
-        frame.after,
-        frame.control,
-        foresight._replace(motion=motion),
-        frame.first,
-        frame.adjacent_at_first,
-    )
+    evidence = network.evidence(frame, foresight._replace(motion=motion))
     return evidence._replace(active=evidence.active & frame.in_sight)
 
 

@@ -15,7 +15,7 @@ from pushgraph.belief import BeliefModel
 from pushgraph.body import Joint
 from pushgraph.errors import BeliefError, PushGraphError
 from pushgraph.graph.scene_batch import JOINT_CODES
-from pushgraph.regulator import LEAST_ROOM, BeliefRegulator
+from pushgraph.regulator import BeliefRegulator, room_left
 from pushgraph.scene import Scene
 from pushgraph.storage import replacing
 from pushgraph.track import Track
@@ -138,7 +138,7 @@ def _carried(joint: Joint, names: Sequence[str], old: np.ndarray, new: np.ndarra
         apart = [pose.relative(poses[parent], poses[child])[:2] for poses in (old, new)]
         used = float(pose.rotate(apart[1] - apart[0], new[parent, 2]) @ axis)
     if limits is not None:
-        limits = (min(limits[0] - float(used), -LEAST_ROOM), max(limits[1] - float(used), LEAST_ROOM))
+        limits = room_left(limits, float(used))
     return joint.replace(
         anchor=tuple(anchor.tolist()), axis=None if axis is None else tuple(axis.tolist()), limits=limits
     )

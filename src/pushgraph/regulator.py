@@ -1,6 +1,7 @@
 """Watch one scene frame by frame, and say what is joined to what."""
 
 import math
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -92,7 +93,7 @@ class BeliefRegulator:
         state = self._watched.view.state
         kind = self.model.probabilities(self._watched).argmax(-1)
         relations = believe(state, kind).relations
-        poses = _parted(self.original, self._poses[1:])
+        poses = _parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
         bodies = tuple(
             body.replace(pose_world_from_body=tuple(place))
             for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
@@ -156,7 +157,6 @@ class BeliefRegulator:
                 used = math.remainder(turned, math.tau)
             else:
                 used = float((pose.transform(poses[b], anchor_b) - anchor) @ axis)
-            room_left = (min(float(limits[0]) - used, -LEAST_ROOM), max(float(limits[1]) - used, LEAST_ROOM))
             joints.append(
                 Joint(
                     kind=kind,
@@ -164,10 +164,15 @@ class BeliefRegulator:
                     child=names[b],
                     anchor=tuple(anchor.tolist()),
                     axis=tuple(axis.tolist()) if kind == "prismatic" else None,
-                    limits=room_left if kind != "fixed" else None,
+                    limits=room_left(limits.tolist(), used) if kind != "fixed" else None,
                 )
             )
         return joints
+
+
+def room_left(limits: Sequence[float], used: float) -> tuple[float, float]:
+    """Limits of a joint, counted from where it has moved by `used` (m or rad)."""
+    return min(limits[0] - used, -LEAST_ROOM), max(limits[1] - used, LEAST_ROOM)
 
 
 def _parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarray, "bodies 3"]:

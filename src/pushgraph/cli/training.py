@@ -13,6 +13,17 @@ from pushgraph.cli.output import console
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
+CORES = os.cpu_count() or 1
+_Data = Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")]
+_Validation = Annotated[Path, typer.Option(help="Scenes on which the weights are chosen.")]
+_Out = Annotated[Path, typer.Option(help="The checkpoint, safetensors.")]
+_Precision = Annotated[str, typer.Option(help="float32 or bfloat16.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Of first weights and batches.")]
+_StartFrom = Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")]
+_Processes = Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")]
+_Device = Annotated[str, typer.Option(help="cpu or cuda.")]
+_Cache = Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")]
+
 
 @app.callback()
 def train() -> None:
@@ -21,9 +32,9 @@ def train() -> None:
 
 @app.command("physics")
 def physics(
-    data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")],
-    validation: Annotated[Path, typer.Option(help="Scenes whose rollouts choose the weights.")],
-    out: Annotated[Path, typer.Option(help="The checkpoint, safetensors.")],
+    data: _Data,
+    validation: _Validation,
+    out: _Out,
     model: Annotated[str, typer.Option(help="contact (ours) or propnet (the paper's).")] = "contact",
     samples: Annotated[int, typer.Option(min=1, help="Predicted frames of training windows, all in all.")] = 20_000_000,
     frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 10,
@@ -31,16 +42,12 @@ def physics(
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 1.5e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 96,
     propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 6,
-    precision: Annotated[str, typer.Option(help="float32 or bfloat16.")] = "float32",
-    seed: Annotated[int, typer.Option(min=0, help="Of first weights and batches.")] = 0,
-    start_from: Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")] = None,
-    processes: Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")] = (
-        os.cpu_count() or 1
-    ),
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    cache: Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")] = (
-        None
-    ),
+    precision: _Precision = "float32",
+    seed: _Seed = 0,
+    start_from: _StartFrom = None,
+    processes: _Processes = CORES,
+    device: _Device = "cpu",
+    cache: _Cache = None,
 ) -> None:
     """Train physics prediction on unrolled frames; the weights with the smallest rollout error are kept.
 
@@ -72,25 +79,21 @@ def physics(
 
 @app.command("belief")
 def belief(
-    data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")],
-    validation: Annotated[Path, typer.Option(help="Scenes whose joints choose the weights.")],
-    out: Annotated[Path, typer.Option(help="The checkpoint, safetensors.")],
+    data: _Data,
+    validation: _Validation,
+    out: _Out,
     model: Annotated[str, typer.Option(help="belief (ours) or paper_recipe.")] = "belief",
     samples: Annotated[int, typer.Option(min=1, help="Observed frames of sequences, all in all.")] = 10_000_000,
     frames: Annotated[int, typer.Option(min=2, help="Frames observed in a row.")] = 200,
     batch: Annotated[int, typer.Option(min=1, help="Sequences in a step, over all processes.")] = 16,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the memory.")] = 64,
-    precision: Annotated[str, typer.Option(help="float32 or bfloat16.")] = "float32",
-    seed: Annotated[int, typer.Option(min=0, help="Of first weights and batches.")] = 0,
-    start_from: Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")] = None,
-    processes: Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")] = (
-        os.cpu_count() or 1
-    ),
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    cache: Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")] = (
-        None
-    ),
+    precision: _Precision = "float32",
+    seed: _Seed = 0,
+    start_from: _StartFrom = None,
+    processes: _Processes = CORES,
+    device: _Device = "cpu",
+    cache: _Cache = None,
 ) -> None:
     """Train belief regulation on top of the shipped physics weights, which stay as they are.
 

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from pushgraph.graph import pair_evidence as features
 from pushgraph.graph.pair_evidence import FEATURES, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
-from pushgraph.graph.state import Control, State
+from pushgraph.graph.watching import Frame
 from pushgraph.network.dynamics import Foresight
 
 LATENT_UNIT = 0.01
@@ -76,18 +76,19 @@ class BeliefNetwork(nn.Module):
         """Names of the features and the constants in them, which its weights depend on."""
         return {"pair_features": list(features.FEATURES), "constants": features.CONSTANTS}
 
-    def evidence(
-        self,
-        before: State,
-        after: State,
-        control: Control,
-        foresight: Foresight,
-        first: Float[Tensor, "batch bodies 3"],
-        adjacent_at_first: Bool[Tensor, "batch pairs"],
-    ) -> Evidence:
+    def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """What a frame tells, given what was foreseen."""
-        told = pair_evidence(before, after, foresight.motion, first, adjacent_at_first, foresight.linked, control.down)
-        active = after.relations.remembered & ~after.relations.known
+        told = pair_evidence(
+            frame.before,
+            frame.after,
+            foresight.motion,
+            frame.first,
+            frame.adjacent_at_first,
+            foresight.linked,
+            frame.control.down,
+        )
+        relations = frame.after.relations
+        active = relations.remembered & ~relations.known
         return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 features"]) -> Float[Tensor, "*frames rows 2 hidden"]:
@@ -138,17 +139,9 @@ class PaperBelief(nn.Module):
         """It has no features of its own."""
         return {"constants": {"latent_unit": LATENT_UNIT}}
 
-    def evidence(
-        self,
-        before: State,
-        after: State,
-        control: Control,
-        foresight: Foresight,
-        first: Float[Tensor, "batch bodies 3"],
-        adjacent_at_first: Bool[Tensor, "batch pairs"],
-    ) -> Evidence:
+    def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """Latents alone; see `BeliefNetwork.evidence`."""
-        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~after.relations.known)
+        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~frame.after.relations.known)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
         """The latents themselves."""

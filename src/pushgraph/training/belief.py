@@ -81,7 +81,7 @@ def belief_loss(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Float
 
 
 class BeliefTask:
-    """Answers about sequences; validation on the first frames of the validation trajectories, half with full noise."""
+    """Answers about sequences; validation on the first frames of its trajectories, once clean and once noisy."""
 
     numbers = (
         "nll_adjacent",
@@ -109,8 +109,8 @@ class BeliefTask:
         tool, bodies = poses[:, :, 0], poses[:, :, 1:]
         noise = torch.randn(bodies.shape, generator=torch.Generator().manual_seed(processes.rank))
         everything = torch.ones(bodies.shape[:3], dtype=torch.bool)
-        self._touched = touched_pairs(adjacent_pairs(scenes, bodies[:, 0]), bodies)
-        self._adjacent = adjacent_pairs(scenes, bodies[:, 0])
+        self._adjacent = adjacent_pairs(scenes, bodies[:, 0]).to(device)
+        self._touched = touched_pairs(self._adjacent, bodies.to(device))
         self._validation = [
             Watched(
                 unaware(scenes),
@@ -120,14 +120,14 @@ class BeliefTask:
                 everything,
                 torch.ones_like(down),
                 true_joints(scenes),
-            )
+            ).to(device)
             for size in (0.0, 1.0)
         ]
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Loss of the step's sequences."""
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
-        seen = watched(self._sampler.batch(step), generator)
+        seen = watched(self._sampler.batch(step), generator).to(self._device)
         half = self._training.precision == "bfloat16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=half):
             return belief_loss(network, self._dynamics, seen)
@@ -145,8 +145,8 @@ class BeliefTask:
                 touched = self._touched[told.rows.scene, frame - 1, told.rows.pair]
                 if frame in (40, 200):
                     wrong.append((log_odds.argmax(-1) != joint)[touched].float().mean())
-        wrong += [torch.zeros(())] * (len(self.numbers) - 1 - len(wrong))
-        return torch.stack([torch.stack(surprise).mean(), *wrong, torch.ones(())])
+        wrong += [torch.zeros((), device=self._device)] * (len(self.numbers) - 1 - len(wrong))
+        return torch.stack([torch.stack(surprise).mean(), *wrong, torch.ones((), device=self._device)])
 
 
 def train_belief(

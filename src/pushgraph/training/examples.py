@@ -12,10 +12,12 @@ from pushgraph.dataset.store import Dataset
 from pushgraph.dataset.windows import WindowBatch
 from pushgraph.graph.scene_batch import (
     JOINT_CODES,
+    Batch,
     Relations,
     SceneBatch,
     batch_scenes,
     hide_relations,
+    map_tensors,
     pairs_of,
     remember,
 )
@@ -35,14 +37,11 @@ class Example(NamedTuple):
 
     def to(self, device: torch.device) -> "Example":
         """The same on another device."""
-        state = State(
-            self.state.scenes.to(device),
-            self.state.poses.to(device),
-            self.state.motions.to(device),
-            Relations(*(values.to(device) for values in self.state.relations)),
-        )
-        moved = [Control(*(values.to(device) for values in control)) for control in self.controls]
-        return Example(state, moved, self.poses.to(device))
+
+        def moved(batch: Batch) -> Batch:
+            return map_tensors(lambda values: values.to(device), batch)
+
+        return Example(moved(self.state), [moved(control) for control in self.controls], self.poses.to(device))
 
 
 class ExampleMaker:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pushgraph.dataset.sequences import SequenceBatch
 from pushgraph.graph.joint_truth import true_joints, unaware
-from pushgraph.graph.scene_batch import SceneBatch, batch_scenes
+from pushgraph.graph.scene_batch import SceneBatch, batch_scenes, map_tensors
 from pushgraph.training.examples import mirror, mirror_scenes
 
 NOISE = (0.001, np.radians(0.5))
@@ -32,6 +32,10 @@ class Watched(NamedTuple):
     seen: Bool[Tensor, "batch frames bodies"]
     lasts: Bool[Tensor, "batch frames"]
     joint: Int[Tensor, "batch pairs"]
+
+    def to(self, device: torch.device) -> "Watched":
+        """The same on another device."""
+        return map_tensors(lambda values: values.to(device), self)
 
 
 def watched(sequences: SequenceBatch, generator: torch.Generator) -> Watched:
