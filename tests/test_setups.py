@@ -160,7 +160,7 @@ def test_joints_never_close_a_cycle_with_rigid_groups() -> None:
 
 
 def test_an_unknown_setup_is_refused_with_the_valid_ones() -> None:
-    with pytest.raises(SetupError, match="no setup 'paper'; valid: multiple-parts, planar"):
+    with pytest.raises(SetupError, match="no setup 'paper'; valid: multiple-parts, planar, planar-mixed"):
         draw_trajectory("paper", 9, 0, 0)
 
 

@@ -12,10 +12,10 @@ from pushgraph.cli.output import BAR, console
 
 
 def generate(
-    setup: Annotated[str, typer.Argument(help="multiple-parts, or planar: the training mixture.")],
+    setup: Annotated[str, typer.Argument(help="multiple-parts; planar: the training mixture; planar-mixed: that of many sizes.")],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
-    objects: Annotated[int, typer.Option(min=1, help="Objects in a scene.")] = 9,
+    objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of planar-mixed, the most.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
     engine: Annotated[str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).")] = (

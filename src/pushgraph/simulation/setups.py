@@ -21,6 +21,8 @@ from pushgraph.tool import Part, Tool
 from pushgraph.track import Track
 
 PUSHES = 9
+FEWEST = 6
+"""Objects in the smallest scenes of a setup of many sizes."""
 PUSH_DISTANCE = 0.30
 FIRST_TEST_SEED = 1_000_000
 """Seeds from here on are for tests, smaller ones for training and validation data."""
@@ -83,6 +85,11 @@ def planar(rng: np.random.Generator, objects: int, index: int) -> Plan:
     return (multiple_parts, varied)[index // 2 % 2](rng, objects, index)
 
 
+def planar_mixed(rng: np.random.Generator, objects: int, index: int) -> Plan:
+    """`planar` with six objects, up to as many as given."""
+    return planar(rng, int(rng.integers(min(FEWEST, objects), objects + 1)), index)
+
+
 def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """Scenes of other masses, frictions, tools, speeds, pieces and joint geometry than the paper's."""
     density = DENSITIES[index % 2]
@@ -118,6 +125,7 @@ Setup = Callable[[np.random.Generator, int, int], Plan]
 SETUPS: dict[str, Setup] = {
     "multiple-parts": multiple_parts,
     "planar": planar,
+    "planar-mixed": planar_mixed,
 }
 
 
