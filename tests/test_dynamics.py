@@ -9,10 +9,10 @@ from scenes import body, workshop
 from torch import nn
 
 from pushgraph.body import Joint
-from pushgraph.graph.contact_graph import contact_graph
+from pushgraph.graph.contact_graph import CLAMP, contact_graph
 from pushgraph.graph.propnet_graph import propnet_graph
 from pushgraph.graph.state import Control, controls
-from pushgraph.network.contact_solver import ContactSolver, _estimates, _pushed, in_frame, in_world, perpendicular
+from pushgraph.network.contact_solver import ContactSolver
 from pushgraph.network.dynamics import ContactDynamics, PropnetDynamics
 from pushgraph.network.propagation import PropagationNetwork
 from pushgraph.physics import PhysicsPredictor
@@ -216,6 +216,11 @@ def test_the_propagation_network_is_the_papers_worked_relation_by_relation(propn
     torch.testing.assert_close(network(graph).motion, network.head(effect), atol=1e-5, rtol=1e-5)
 
 
+def cross(turn: torch.Tensor, lever: torch.Tensor) -> torch.Tensor:
+    """How a point at a lever moves with a turn."""
+    return turn * torch.stack((-lever[1], lever[0]))
+
+
 def test_the_contact_solver_worked_edge_by_edge(contact) -> None:
     scene = Scene(
         bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0, Cuboid(size=(0.1, 0.08)), yaw=0.3), body("c", 0.02, 0.122)),
@@ -224,22 +229,31 @@ def test_the_contact_solver_worked_edge_by_edge(contact) -> None:
     graph = contact_graph(*small_state(scene, contact))
     solver: ContactSolver = contact.dynamics.solver
     edge, node, twist = solver.edge_encoder(graph.edges), solver.node_encoder(graph.nodes), graph.twist
-    arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
     assert len(graph.nodes) == 4
     for _ in range(solver.steps):
         total, change = torch.zeros_like(node), torch.zeros_like(twist)
         to_receiver, to_sender = solver.from_nodes(node).chunk(2, -1)
         for k, (receiver, sender) in enumerate(zip(graph.receiver.tolist(), graph.sender.tolist(), strict=True)):
-            one = slice(k, k + 1)
-            ends = [in_frame(twist[end][None], graph.normal[one]) for end in (receiver, sender)]
-            columns = {name: getattr(graph, name)[one] for name in ("offsets", "turn", "slack", "slack_axis")}
-            estimates = _estimates(graph._replace(**columns), *ends, arms[0][one], arms[1][one])
-            hidden = edge[one] + solver.from_estimates(estimates) + to_receiver[receiver] + to_sender[sender]
-            hidden = solver.message(hidden.relu()).relu()
-            weight = graph.edges[one, :1]
-            total[receiver] += (hidden * weight)[0]
-            pushed = _pushed(solver.force(hidden) * weight, arms[0][one], graph.compliance[receiver][None])
-            change[receiver] += in_world(pushed, graph.normal[one])[0]
+            x, y = graph.normal[k]
+            frame = torch.stack((graph.normal[k], torch.stack((-y, x))))
+            here, there = (torch.cat((frame @ twist[end, :2], twist[end, 2:])) for end in (receiver, sender))
+            levers = graph.receiver_levers[k], graph.sender_levers[k]
+            both = zip((here, there), levers, strict=True)
+            ends = [[end[:2] + cross(end[2], arm) for arm in arms] for end, arms in both]
+            left = [graph.offsets[k, p] + ends[1][p] - ends[0][p] for p in range(3)]
+            turned = there[2:] - here[2:]
+            along, hinge = graph.slack_axis[k, :2], graph.slack_axis[k, 2:]
+            used = along @ (left[2] - graph.offsets[k, 2]) + hinge * turned
+            slack = graph.slack[k] + torch.cat((used, -used))
+            shown = torch.cat((*left, graph.turn[k : k + 1] + turned, slack)).clamp(-CLAMP, CLAMP)
+            told = solver.from_estimates(torch.cat((shown, here, there)))
+            hidden = solver.message((edge[k] + told + to_receiver[receiver] + to_sender[sender]).relu()).relu()
+            weight = graph.edges[k, 0]
+            total[receiver] += hidden * weight
+            force = solver.force(hidden) * weight
+            torque = sum(force[2 * p : 2 * p + 2] @ cross(torch.tensor(1.0), levers[0][p]) for p in range(3))
+            change[receiver, :2] += frame.t() @ force[:6].view(3, 2).sum(0)
+            change[receiver, 2] += torque * graph.compliance[receiver] + force[6]
         node = node + solver.node_update(torch.cat((node, total), -1))
         damping = solver.damping(node)
         twist = twist + (change + damping[:, [0, 0, 1]] * twist) * (~graph.kinematic)[:, None]

@@ -12,7 +12,9 @@ from pushgraph.cli.output import BAR, console
 
 
 def generate(
-    setup: Annotated[str, typer.Argument(help="multiple-parts; planar: the training mixture; planar-mixed: that of many sizes.")],
+    setup: Annotated[
+        str, typer.Argument(help="multiple-parts; planar: the training mixture; planar-mixed: that, of many sizes.")
+    ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
     objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of planar-mixed, the most.")] = 9,

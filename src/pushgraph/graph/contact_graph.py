@@ -287,16 +287,3 @@ def in_frame(
     """A twist in a contact frame, given that frame's x-axis; both in world axes."""
     x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
     return torch.stack((along * x + across * y, across * x - along * y, turn), -1)
-
-
-def in_world(
-    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
-) -> Float[Tensor, "*batch edges 3"]:
-    """A twist in world axes, given in the contact frame of this x-axis."""
-    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
-    return torch.stack((along * x - across * y, along * y + across * x, turn), -1)
-
-
-def perpendicular(vectors: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-    """Vectors turned to the left by a right angle."""
-    return torch.stack((-vectors[..., 1], vectors[..., 0]), -1)

@@ -13,15 +13,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pushgraph.graph.contact_graph import (
-    CLAMP,
-    EDGE_FEATURES,
-    NODE_FEATURES,
-    ContactGraph,
-    in_frame,
-    in_world,
-    perpendicular,
-)
+from pushgraph.graph.contact_graph import CLAMP, EDGE_FEATURES, NODE_FEATURES, ContactGraph
+from pushgraph.network.edge_maps import arms_of, edges_last, in_contact_frame, parting, pushing
 
 ESTIMATES = 15
 """Features of an edge that change with the estimates: what is left of three offsets, turn, slack; both twists."""
@@ -69,28 +62,34 @@ class ContactSolver(nn.Module):
         edge = self.edge_encoder(graph.edges.to(precision))
         node = self.node_encoder(graph.nodes.to(precision))
         free = (~graph.kinematic)[:, None].to(graph.twist.dtype)
-        ends = torch.stack((graph.receiver, graph.sender), 1).flatten()
         at_rest, of_ends, of_force = _linear_maps(graph)
-        # In `from_nodes`, viewed as two rows a node, the first is for where it receives, the second where it sends.
-        halves = (2 * ends.view(-1, 2) + ends.new_tensor([0, 1])).flatten()
+        # All that needs a node's latent at once: rows for where it receives, where it sends, its update; its damping.
+        update, correction = self.node_update[0], self.node_update[2]
+        by_node, by_total = update.weight.chunk(2, 1)
+        of_node = torch.cat((self.from_nodes.weight, by_node)).t()
+        ends = torch.stack((graph.receiver, graph.sender), 1).flatten()
+        rows = (3 * ends.view(-1, 2) + ends.new_tensor([0, 1])).flatten()
         pairs = torch.arange(0, len(ends), 2, device=ends.device)
         order = graph.receiver.argsort(stable=True)
-        received = torch.searchsorted(graph.receiver[order], torch.arange(len(node), device=ends.device))
-        weight = graph.edges[order, 0]
+        received = graph.receiver.bincount(minlength=len(node))
+        received = received.cumsum(0) - received
+        weight = graph.edges[:, 0].index_select(0, order)
         twist = graph.twist
         for _ in range(self.steps):
-            at_ends = twist.index_select(0, ends).view(-1, 6).t()
-            estimates = _clamped(at_rest + (of_ends * at_ends[..., None]).sum(0))
+            at_ends = twist.index_select(0, ends).view(-1, 6).t().contiguous()
+            estimates = _clamped(at_rest + (of_ends * at_ends[:, None]).sum(0)).t()
+            told = node @ of_node
             hidden = edge + self.from_estimates(estimates.to(precision))
-            hidden += _sums(self.from_nodes(node).view(-1, self.hidden), halves, pairs)
+            hidden += _sums(told.view(-1, self.hidden), rows, pairs)
             hidden = self.message(hidden.relu_()).relu_()
             total = _sums(hidden, order, received, weight.to(hidden.dtype))
-            node = node + self.node_update(torch.cat((node, total), -1))
+            total = (told[:, 2 * self.hidden :] + functional.linear(total, by_total, update.bias)).relu_()
+            node = node + correction(total)
             force = torch.addmm(self.force.bias[:, None], self.force.weight, hidden.t()).to(twist.dtype)
-            change = torch.zeros_like(twist).index_add(0, graph.receiver, (of_force * force[..., None]).sum(0))
+            change = (of_force * force[:, None]).sum(0).t()
             damping = self.damping(node).to(twist.dtype)
             damping = torch.cat((damping[:, :1], damping), -1)
-            twist = twist + free * (change + damping * twist)
+            twist = torch.addcmul(twist.index_add(0, graph.receiver, change), free * damping, twist)
         return Solution(twist, hidden)
 
 
@@ -100,47 +99,21 @@ def _sums(rows: Tensor, index: Tensor, starts: Tensor, weight: Tensor | None = N
 
 
 def _linear_maps(graph: ContactGraph) -> tuple[Tensor, Tensor, Tensor]:
-    """All that the loop needs of the geometry: estimates [edges, 15] are affine in the twists of the two ends, world
-    axes, [6, edges, 15], and changes of the receiver, world axes, linear in the forces, [7, edges, 3].
-
-    They are written down by what they make of unit twists and forces.
-    """
-    edges = len(graph.normal)
-    arms = perpendicular(graph.receiver_levers), perpendicular(graph.sender_levers)
-    unit = torch.eye(6, dtype=graph.twist.dtype, device=graph.twist.device)[:, None].expand(6, edges, 6)
-    at_receiver, at_sender = (in_frame(twist, graph.normal) for twist in (unit[..., :3], unit[..., 3:]))
-    of_ends = _relative(graph, at_receiver, at_sender, *arms)
-    unit = torch.eye(FORCES, dtype=graph.twist.dtype, device=graph.twist.device)[:, None].expand(-1, edges, -1)
-    pushed = _pushed(unit * graph.edges[:, :1], arms[0], graph.compliance.index_select(0, graph.receiver))
-    return _at_rest(graph), of_ends, in_world(pushed, graph.normal)
-
-
-def _estimates(graph: ContactGraph, at_receiver: Tensor, at_sender: Tensor, arm: Tensor, sender_arm: Tensor) -> Tensor:
-    """What the estimates leave of offsets, turn and slack, and the estimates themselves, in contact frame."""
-    return _clamped(_at_rest(graph) + _relative(graph, at_receiver, at_sender, arm, sender_arm))
+    """All that the loop needs of the geometry: estimates [15, edges] are affine in the twists of the two ends, world
+    axes, [6, 15, edges], and changes of the receiver, world axes, linear in the forces, [7, 3, edges]."""
+    normal, arms = edges_last(graph.normal), arms_of(graph.receiver_levers)
+    moved, turned = parting(normal, arms, arms_of(graph.sender_levers))
+    slack_axis = edges_last(graph.slack_axis)
+    used = (moved[:, 2] * slack_axis[:2]).sum(1) + turned * slack_axis[2]
+    axes = in_contact_frame(normal)
+    ends = torch.cat((functional.pad(axes, (0, 0, 0, 3)), functional.pad(axes, (0, 0, 3, 0))))
+    of_ends = torch.cat((moved.flatten(1, 2), torch.stack((turned, used, -used), 1), ends), 1)
+    at_rest = torch.cat((graph.offsets.flatten(1), graph.turn[:, None], graph.slack), -1)
+    at_rest = functional.pad(edges_last(at_rest), (0, 0, 0, 6))
+    of_force = pushing(normal, arms, graph.compliance.index_select(0, graph.receiver)) * graph.edges[:, 0]
+    return at_rest, of_ends, of_force
 
 
 def _clamped(estimates: Tensor) -> Tensor:
-    estimates[:, :9].clamp_(-CLAMP, CLAMP)
+    estimates[:9].clamp_(-CLAMP, CLAMP)
     return estimates
-
-
-def _at_rest(graph: ContactGraph) -> Tensor:
-    """The estimates while nothing moves."""
-    return functional.pad(torch.cat((graph.offsets.flatten(1), graph.turn[:, None], graph.slack), -1), (0, 6))
-
-
-def _relative(graph: ContactGraph, at_receiver: Tensor, at_sender: Tensor, arm: Tensor, sender_arm: Tensor) -> Tensor:
-    """How the twists of the two ends, in contact frame, change the estimates, before these are clamped."""
-    apart = at_sender - at_receiver
-    moved = apart[..., None, :2] + at_sender[..., None, 2:] * sender_arm - at_receiver[..., None, 2:] * arm
-    turned = apart[..., 2:]
-    used = (moved[..., 2, :] * graph.slack_axis[:, :2]).sum(-1, keepdim=True) + turned * graph.slack_axis[:, 2:]
-    return torch.cat((moved.flatten(-2), turned, used, -used, at_receiver, at_sender), -1)
-
-
-def _pushed(force: Tensor, arms: Tensor, compliance: Tensor) -> Tensor:
-    """How forces at the ends of the arms, and a torque, move the receiver; contact frame."""
-    forces = force[..., :6].unflatten(-1, (3, 2))
-    torque = (forces * arms).sum((-2, -1)) * compliance + force[..., 6]
-    return torch.cat((forces.sum(-2), torque[..., None]), -1)
