@@ -1,5 +1,6 @@
 """Belief regulation: what is joined to what, learnt by watching, corrected as more is seen."""
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -111,7 +112,7 @@ class BeliefModel:
 
 def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:
     """What a frame tells a belief network about every pair."""
-    foresight = dynamics.foresee(frame.before, frame.control)
+    foresight = dynamics.foresee(frame.before, frame.control, frame.reach)
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
     evidence = network.evidence(frame, foresight._replace(motion=motion))
     return evidence._replace(active=evidence.active & frame.in_sight)
@@ -136,7 +137,8 @@ def watch_windows(
     looks = [frame]
     for k in range(1, frames):
         view, frame = look(view, poses[:, k], tool[:, k], down[:, k], seen[:, k])
-        looks.append(frame)
+        # Reaches count scenes of one frame, and here many frames stand side by side.
+        looks.append(frame._replace(reach=None))
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)
@@ -168,23 +170,22 @@ def complete(
     A stranger is fixed if a chain of fixed pairs joins it: as likely as the likeliest chain.
     """
     relations, bodies = scenes.relations, scenes.mass.shape[1]
-    rest = (1 - STRANGERS) / (len(JOINT_CODES) - 1)
-    probabilities = answers.new_full((*relations.kind.shape, len(JOINT_CODES)), rest)
-    probabilities[..., JOINT_CODES["none"]] = STRANGERS
-    kind = torch.where(rigid_pairs(scenes.group), JOINT_CODES["fixed"], relations.kind)
-    given = nn.functional.one_hot(kind, len(JOINT_CODES)).to(answers.dtype)
-    probabilities = torch.where(relations.known[..., None], given, probabilities)
+    fixed = JOINT_CODES["fixed"]
+    stranger = answers.new_full((len(JOINT_CODES),), (1 - STRANGERS) / (len(JOINT_CODES) - 1))
+    stranger[JOINT_CODES["none"]] = STRANGERS
+    kind = torch.where(rigid_pairs(scenes.group), fixed, relations.kind)
+    given = torch.eye(len(JOINT_CODES), dtype=answers.dtype, device=answers.device)[kind]
+    probabilities = torch.where(relations.known[..., None], given, stranger)
     probabilities = probabilities.index_put((rows.scene, rows.pair), answers)
     settled = relations.known.index_put((rows.scene, rows.pair), torch.ones_like(rows.scene, dtype=torch.bool))
 
     a, b = pairs_of(bodies, answers.device)
-    fixed = probabilities[..., JOINT_CODES["fixed"]]
-    chain = torch.where(settled, fixed, 0.0)
-    between = chain.new_zeros(len(chain), bodies, bodies)
-    between[:, a, b] = between[:, b, a] = chain
-    for k in range(bodies):
-        between = torch.maximum(between, between[:, :, k, None] * between[:, None, k])
-    chained = torch.maximum(between[:, a, b], fixed)
-    others = probabilities * ((1 - chained) / (1 - fixed).clamp(min=1e-9))[..., None]
-    others[..., JOINT_CODES["fixed"]] = chained
+    direct = probabilities[..., fixed]
+    between = torch.eye(bodies, dtype=answers.dtype, device=answers.device).repeat(len(direct), 1, 1)
+    between[:, a, b] = between[:, b, a] = torch.where(settled, direct, 0.0)
+    for _ in range(max(1, math.ceil(math.log2(bodies - 1)))):  # chains of up to 2, 4, 8 ... pairs
+        between = (between[:, :, :, None] * between[:, None]).amax(2)
+    chained = torch.maximum(between[:, a, b], direct)
+    others = probabilities * ((1 - chained) / (1 - direct).clamp(min=1e-9))[..., None]
+    others[..., fixed] = chained
     return torch.where(settled[..., None], probabilities, others)

@@ -19,6 +19,9 @@ from pushgraph.pose import as_complex
 TIE = {torch.float32: 1e-7, torch.float64: 1e-12}
 """A later candidate must be nearer than an earlier one by this much (m), so that rounding decides no tie."""
 
+LATER = {dtype: tie * torch.arange(8, dtype=dtype) for dtype, tie in TIE.items()}
+"""What later candidates are handicapped by."""
+
 CORNERS = torch.tensor(((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)))
 NORMALS = torch.tensor((1, 1j, -1, -1j), dtype=torch.complex64)
 
@@ -129,8 +132,7 @@ def _views(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"
 
 
 def _first_smallest(values: Float[Tensor, "*batch n"]) -> Int[Tensor, "*batch"]:
-    order = torch.arange(values.shape[-1], dtype=values.dtype, device=values.device)
-    return (values.detach() + TIE[values.dtype] * order).argmin(-1)
+    return (values.detach() + LATER[values.dtype][: values.shape[-1]].to(values.device)).argmin(-1)
 
 
 def _nearest_points(views: _Views) -> Complex[Tensor, "*batch 2"]:

@@ -117,11 +117,12 @@ class BeliefRegulator:
         last = self._poses
         blind = ~self._yaw_known
         poses[blind, 2] = last[blind, 2]
-        for node, name in enumerate(names):
-            if seen[node] and not np.isfinite(poses[node]).all():
-                raise BeliefError(
-                    f"pose of {name!r} in frame {self.frames} is {poses[node].tolist()}: it must be finite"
-                )
+        broken = seen & ~np.isfinite(poses).all(-1)
+        if broken.any():
+            node = int(np.argmax(broken))
+            raise BeliefError(
+                f"pose of {names[node]!r} in frame {self.frames} is {poses[node].tolist()}: it must be finite"
+            )
         if not seen[0]:
             raise BeliefError(f"{ROBOT!r} is missing in frame {self.frames}: its pose is always needed")
         leap = np.hypot(*(poses - last)[:, :2].T)

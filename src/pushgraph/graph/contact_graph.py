@@ -15,8 +15,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from pushgraph import pose
-from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, near_pairs, tool_step
-from pushgraph.graph.pieces import Pieces, gather_pieces, mean_motion, piece_index
+from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, Reach, near_pairs, within_reach
+from pushgraph.graph.pieces import Pieces, gather_pieces, mean_motion
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations
 from pushgraph.graph.state import Control, State
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
@@ -86,24 +86,16 @@ CONSTANTS = {
 """What the weights depend on beside the features' names."""
 
 
-def contact_graph(state: State, control: Control) -> ContactGraph:
-    """Build the graph of one frame; float32, whatever the precision of the poses."""
-    index = piece_index(state.scenes, state.relations)
-    pieces = gather_pieces(state.scenes, index, state.poses[..., :2])
-    step = tool_step(state, control)
-    near = near_pairs(state, control, index, step)
+def contact_graph(state: State, control: Control, reach: Reach | None = None) -> ContactGraph:
+    """Build the graph of one frame; float32, whatever the precision of the poses. reach: if it is known already."""
+    reach = within_reach(state, control) if reach is None else reach
+    pieces = gather_pieces(state.scenes, reach.index, state.poses[..., :2])
+    near = near_pairs(reach)
 
     # Only what an edge meets stands in the graph. A node's slot is its piece's first body; the tool's follows them.
-    bodies = index.shape[1]
-    tool = torch.full_like(near.second, bodies)
-    second_piece = torch.where(near.part >= 0, tool, index[near.scene, near.second.clamp(min=0)])
-    first = near.scene * (bodies + 1) + index[near.scene, near.first]
-    second = near.scene * (bodies + 1) + second_piece
-    used = torch.zeros(len(index) * (bodies + 1), dtype=torch.bool, device=index.device)
-    used[first], used[second] = True, True
-    slot, place = used.nonzero().squeeze(-1), used.cumsum(0) - 1
-    nodes = _nodes(state, control, pieces, step, slot)
-    return _with_edges(state, near, nodes, place[first], place[second])
+    slot, place = near.pieces.unique(return_inverse=True)
+    nodes = _nodes(state, control, pieces, reach.step, slot)
+    return _with_edges(state, near, nodes, *place)
 
 
 class _Nodes(NamedTuple):
@@ -121,51 +113,52 @@ class _Nodes(NamedTuple):
 def _nodes(state: State, control: Control, pieces: Pieces, step: Tensor, slot: Tensor) -> _Nodes:
     scenes, bodies = state.scenes, pieces.index.shape[1]
     scene, piece = slot // (bodies + 1), slot % (bodies + 1)
-    kinematic, piece = piece == bodies, (slot % (bodies + 1)).clamp(max=bodies - 1)
-    step = step[scene]
-    patch = torch.where(kinematic, LEVER, pieces.patch_radius[scene, piece])
-    mass = torch.where(kinematic, NOMINAL_MASS, pieces.mass[scene, piece])
+    kinematic = piece == bodies
+    body = scene * bodies + piece.clamp(max=bodies - 1)
+    step = step.index_select(0, scene)
+    of_body = torch.stack((pieces.mass, scenes.mass_known.float(), pieces.patch_radius), -1)
+    of_body = torch.where(kinematic[:, None], of_body.new_tensor([NOMINAL_MASS, 1.0, LEVER]), _rows(of_body, body))
+    mass, mass_known, patch = of_body.unbind(-1)
+    friction = (scenes.table_friction - NOMINAL_TABLE_FRICTION) / FRICTION
+    friction = torch.stack((friction, scenes.table_friction_known.float())).index_select(1, scene)
     features = (
         (mass / NOMINAL_MASS).log(),
-        (kinematic | scenes.mass_known[scene, piece]).float(),
+        mass_known,
         patch / LEVER,
-        (scenes.table_friction[scene] - NOMINAL_TABLE_FRICTION) / FRICTION,
-        scenes.table_friction_known[scene].float(),
+        *friction,
         kinematic.float(),
         (step / STEP).log(),
     )
-    unit = patch.new_tensor([1.0, 1.0, LEVER])
-    last = mean_motion(scenes, pieces.index, state.motions)[scene, piece]
-    last = torch.where(kinematic[:, None], control.last_motion[scene], last).float() * unit / step[:, None]
-    twist = control.motion.float()[scene] / step[:, None] * unit
+    unit = patch.new_tensor([1.0, 1.0, LEVER]) / step[:, None]
+    last = _rows(mean_motion(scenes, pieces.index, state.motions), body)
+    last = torch.where(kinematic[:, None], control.last_motion.index_select(0, scene), last).float() * unit
+    twist = control.motion.float().index_select(0, scene) * unit
     return _Nodes(
         features=torch.stack(features, -1),
         step=step,
-        centre=torch.where(kinematic[:, None], control.pose[scene, :2], pieces.centre[scene, piece]),
+        centre=torch.where(kinematic[:, None], control.pose[scene, :2], _rows(pieces.centre, body)),
         twist=torch.where(kinematic[:, None], twist, 0.0),
         last_twist=last.clamp(-CLAMP, CLAMP),
         kinematic=kinematic,
         patch_radius=patch,
-        body=scene * bodies + piece,
+        body=body,
         pieces=pieces,
     )
 
 
 def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: Tensor) -> ContactGraph:
     """The graph with its edges: for two bodies one each way, for the tool only towards the body."""
-    scenes, relations, is_tool = state.scenes, state.relations, near.part >= 0
-    bodies = scenes.mass.shape[1]
-    joint = near.scene * relations.kind.shape[1] + near.pair.clamp(min=0)
-    row_a, row_b = near.scene * bodies + near.first, near.scene * bodies + near.second.clamp(min=0)
-    kind = _rows(relations.kind, joint).masked_fill(is_tool, 0)
-    unknown, remembered = ~(_rows(relations.known, joint) | is_tool), _rows(relations.remembered, joint) & ~is_tool
-    prismatic, revolute = kind == JOINT_CODES["prismatic"], kind == JOINT_CODES["revolute"]
-    flags = torch.stack((prismatic, revolute, unknown, remembered), -1).to(nodes.features.dtype)
-    poses = _rows(state.poses, row_a), _rows(state.poses, row_b)
-    local, normal = _in_contact_frame(near, relations, joint, *poses, nodes.centre[first], nodes.centre[second])
-    turn = pose.wrap_angle((poses[1][:, 2] - poses[0][:, 2] - _rows(relations.yaw_offset, joint)).float()) * LEVER
+    scenes, relations, is_tool = state.scenes, state.relations, near.is_tool
+    joint = near.scene * relations.kind.shape[1] + near.pair.masked_fill(is_tool, 0)
+    told = _told(relations, joint).masked_fill(is_tool[:, None], 0.0)
+    flags, anchor_a, anchor_b, axis, limits, yaw_offset = told.split((4, 2, 2, 2, 2, 1), -1)
+    anchors = (pose.as_complex(vectors) for vectors in (anchor_a, anchor_b, axis))
+    local, normal = _in_contact_frame(near, *anchors, nodes.centre[first], nodes.centre[second])
+    yaw_a, yaw_b = near.poses[..., 2]
+    turn = pose.wrap_angle((yaw_b - yaw_a - yaw_offset[:, 0]).float()) * LEVER
 
-    limits = _rows(relations.limits, joint) * torch.where(revolute, LEVER, 1.0)[:, None]
+    prismatic, revolute = flags[:, 0] > 0, flags[:, 1] > 0
+    limits = limits * torch.where(revolute, LEVER, 1.0)[:, None]
     along = torch.where(revolute, turn, (local[:, 6] * local[:, 7]).sum(-1))
     slack = torch.stack((along - limits[:, 0], limits[:, 1] - along), -1)
     slack = torch.where((prismatic | revolute)[:, None], slack, UNLIMITED)
@@ -173,10 +166,14 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
     ones = torch.ones_like(held)
     local = local * torch.cat((ones, ones, held, ones, ones, held, held, slides), -1)[..., None]
 
-    step = nodes.step[first, None]
+    step = nodes.step.index_select(0, first)[:, None]
     lengths = torch.cat((near.contact.gaps, local[:, 6], turn[:, None] * held, slack), -1)
     steps, soft = (lengths / step).clamp(-CLAMP, CLAMP), (lengths / _UNITS.to(lengths)).tanh()
-    yaw_known = _rows(scenes.yaw_known, row_a), _rows(scenes.yaw_known, row_b) | is_tool
+    side = (scenes.side_friction - NOMINAL_SIDE_FRICTION) / FRICTION
+    side = torch.stack((side, scenes.side_friction_known.float()), -1).index_select(0, near.scene)
+    yaw_known = torch.cat((scenes.yaw_known, torch.ones_like(scenes.part_present)), 1)
+    rows = near.scene * yaw_known.shape[1] + torch.stack((near.first, near.second))
+    yaw_known = yaw_known.flatten().index_select(0, rows.flatten()).view_as(rows)
     last = in_frame(nodes.last_twist[torch.stack((first, second))], normal)
     features = (
         near.fade[:, None],
@@ -186,19 +183,18 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
         *(steps[:, 2:4], soft[:, 2:4], steps[:, 4:5], soft[:, 4:5]),
         local[:, 7],
         *(steps[:, 5:], soft[:, 5:]),
-        ((scenes.side_friction - NOMINAL_SIDE_FRICTION) / FRICTION)[near.scene, None],
-        torch.stack((scenes.side_friction_known[near.scene], is_tool, *yaw_known), -1).to(flags.dtype),
+        side,
+        torch.stack((is_tool, *yaw_known), -1).to(flags.dtype),
         (step / STEP).log(),
         *last,
     )
     edges = torch.cat(features, -1)
     mirrored = (~is_tool).nonzero().squeeze(-1)
     edges = torch.cat((edges, _mirror(edges[mirrored])))
-    column = {name: k for k, name in enumerate(EDGE_FEATURES)}
-    levers = edges[:, column["receiver_lever_1_x"] : column["prismatic"]].unflatten(-1, (2, 3, 2))
-    drift = edges[:, None, column["drift_steps_x"] : column["drift_x"]]
-    gaps = functional.pad(edges[:, column["gap_1_steps"] : column["gap_1"], None], (0, 1))
-    axis, hinge = edges[:, column["axis_x"] : column["slack_low_steps"]], edges[:, column["revolute"], None]
+    levers = edges[:, _COLUMN["receiver_lever_1_x"] : _COLUMN["prismatic"]].unflatten(-1, (2, 3, 2))
+    drift = edges[:, None, _COLUMN["drift_steps_x"] : _COLUMN["drift_x"]]
+    gaps = functional.pad(edges[:, _COLUMN["gap_1_steps"] : _COLUMN["gap_1"], None], (0, 1))
+    axis, hinge = edges[:, _COLUMN["axis_x"] : _COLUMN["slack_low_steps"]], edges[:, _COLUMN["revolute"], None]
     return ContactGraph(
         nodes=nodes.features,
         step=nodes.step,
@@ -213,14 +209,15 @@ def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: 
         receiver_levers=levers[:, 0],
         sender_levers=levers[:, 1],
         offsets=torch.cat((gaps, drift), 1),
-        turn=edges[:, column["turn_steps"]],
-        slack=edges[:, column["slack_low_steps"] : column["slack_low"]],
+        turn=edges[:, _COLUMN["turn_steps"]],
+        slack=edges[:, _COLUMN["slack_low_steps"] : _COLUMN["slack_low"]],
         slack_axis=torch.cat((axis, hinge), -1),
-        relation=_relation(near, mirrored, relations.kind.shape[1]),
+        relation=torch.cat((torch.where(is_tool, -1, 2 * joint), 2 * joint[mirrored] + 1)),
         pieces=nodes.pieces,
     )
 
 
+_COLUMN = {name: k for k, name in enumerate(EDGE_FEATURES)}
 _UNITS = torch.tensor((CENTIMETRE,) * 4 + (LEVER,) * 3)
 """Of gaps, drift, turn and slack."""
 
@@ -230,19 +227,26 @@ def _rows(values: Tensor, rows: Tensor) -> Tensor:
     return values.flatten(0, 1).index_select(0, rows)
 
 
+def _told(relations: Relations, joint: Int[Tensor, " pairs"]) -> Float[Tensor, "pairs 13"]:
+    """Flags, anchors, axis, limits and yaw offset of some pairs, gathered in one go."""
+    kinds = (relations.kind == JOINT_CODES[kind] for kind in ("prismatic", "revolute"))
+    flags = torch.stack((*kinds, ~relations.known, relations.remembered), -1).to(relations.axis.dtype)
+    numbers = relations.anchor_a, relations.anchor_b, relations.axis, relations.limits, relations.yaw_offset[..., None]
+    return _rows(torch.cat((flags, *numbers), -1), joint)
+
+
 def _in_contact_frame(
-    near: Near, relations: Relations, joint: Tensor, pose_a: Tensor, pose_b: Tensor, centre_a: Tensor, centre_b: Tensor
+    near: Near, anchor_a: Tensor, anchor_b: Tensor, axis: Tensor, centre_a: Tensor, centre_b: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Levers of the first end to two contacts and the joint, those of the second, the joint's drift and its axis,
     [pairs, 8, 2] (m) in contact frame; and the normal in the world. One complex product turns a planar vector."""
+    pose_a, pose_b = near.poses
     yaw_a, yaw_ab = pose_a[:, 2].float(), (pose_b[:, 2] - pose_a[:, 2]).float()
     turn_a, turn_ab = torch.complex(yaw_a.cos(), yaw_a.sin()), torch.complex(yaw_ab.cos(), yaw_ab.sin())
     # Subtracted before anything is turned or rounded, so that nothing is lost far from the origin.
     positions = torch.stack((centre_a, centre_b, pose_b[:, :2]), 1) - pose_a[:, None, :2]
     positions = pose.as_complex(positions.float()) * turn_a.conj()[:, None]
-    anchor_a = pose.as_complex(_rows(relations.anchor_a, joint))[:, None]
-    anchor_b = pose.as_complex(_rows(relations.anchor_b, joint)) * turn_ab + positions[:, 2]
-    axis = pose.as_complex(_rows(relations.axis, joint))[:, None]
+    anchor_a, anchor_b, axis = anchor_a[:, None], anchor_b * turn_ab + positions[:, 2], axis[:, None]
     points = (pose.as_complex(points) for points in (near.contact.points_a, near.contact.points_b))
     ends = torch.cat((next(points), anchor_a, next(points), anchor_b[:, None]), 1)
     levers = ends - positions[:, :2].repeat_interleave(3, 1)
@@ -257,9 +261,9 @@ def _mirror(edges: Float[Tensor, "edges edge_features"]) -> Float[Tensor, "edges
     What stands between the two ends is the same in that frame, but levers and motions change sides and point the
     other way, and a turn its sign. A turn's limits change places with it; along the axis of a slider they need not.
     """
-    hinge = edges[:, EDGE_FEATURES.index("revolute"), None] > 0
-    columns = torch.tensor((_OTHER_END, _OTHER_END_OF_HINGE), device=edges.device)
-    return torch.where(hinge, edges[:, columns[1]], edges[:, columns[0]]) * edges.new_tensor(_SIGN)
+    hinge = edges[:, _COLUMN["revolute"], None] > 0
+    hinges, others = (edges.index_select(1, columns.to(edges.device)) for columns in (_OTHER_END_OF_HINGE, _OTHER_END))
+    return torch.where(hinge, hinges, others) * _SIGN.to(edges)
 
 
 def _exchanged(a: str, b: str, names: Sequence[str]) -> list[str]:
@@ -271,14 +275,9 @@ def _exchanged(a: str, b: str, names: Sequence[str]) -> list[str]:
 
 
 _SWAPPED = _exchanged("receiver", "sender", EDGE_FEATURES)
-_OTHER_END = [EDGE_FEATURES.index(name) for name in _SWAPPED]
-_OTHER_END_OF_HINGE = [EDGE_FEATURES.index(name) for name in _exchanged("slack_low", "slack_high", _SWAPPED)]
-_SIGN = [-1.0 if re.search("_lever_|^turn|_last_[xy]", name) else 1.0 for name in EDGE_FEATURES]
-
-
-def _relation(near: Near, mirrored: Tensor, pairs: int) -> Tensor:
-    first = 2 * (near.scene * pairs + near.pair)
-    return torch.cat((torch.where(near.pair >= 0, first, -1), first[mirrored] + 1))
+_OTHER_END = torch.tensor([_COLUMN[name] for name in _SWAPPED])
+_OTHER_END_OF_HINGE = torch.tensor([_COLUMN[name] for name in _exchanged("slack_low", "slack_high", _SWAPPED)])
+_SIGN = torch.tensor([-1.0 if re.search("_lever_|^turn|_last_[xy]", name) else 1.0 for name in EDGE_FEATURES])
 
 
 def in_frame(

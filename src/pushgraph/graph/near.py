@@ -5,11 +5,12 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn import functional
 
 from pushgraph import pose
 from pushgraph.contact import Contact, RoundedBox, contact_between
 from pushgraph.graph.pieces import piece_index
-from pushgraph.graph.scene_batch import pairs_of
+from pushgraph.graph.scene_batch import SceneBatch, pairs_with_parts
 from pushgraph.graph.state import Control, State
 
 MARGIN = 0.003
@@ -23,35 +24,114 @@ STILL = 1e-7
 
 
 class Near(NamedTuple):
-    """Pairs of bodies first < second, or of a body and a part of the tool; -1 where there is none.
+    """Pairs of bodies first < second, or of a body and a part of the tool, counted after the bodies.
 
-    pair: where the two bodies stand in `pairs_of`. contact: in the frame of the first. fade: from 1 to 0 where the
+    pair: where the two stand in `pairs_with_parts`. pieces: of both, as rows of [batch * (bodies + 1)], the tool being
+    the last of a scene. poses: of both, in the world. contact: in the frame of the first. fade: from 1 to 0 where the
     gap is about to be too wide; 1 for pairs that are joined, or may be.
     """
 
     scene: Int[Tensor, " pairs"]
+    pair: Int[Tensor, " pairs"]
     first: Int[Tensor, " pairs"]
     second: Int[Tensor, " pairs"]
-    part: Int[Tensor, " pairs"]
-    pair: Int[Tensor, " pairs"]
+    is_tool: Bool[Tensor, " pairs"]
+    pieces: Int[Tensor, "2 pairs"]
+    poses: Float[Tensor, "2 pairs 3"]
     contact: Contact
     fade: Float[Tensor, " pairs"]
 
 
-def near_pairs(
-    state: State, control: Control, index: Int[Tensor, "batch bodies"], step: Float[Tensor, " batch"]
-) -> Near:
-    """Pairs that share an edge in this frame; `index` is the piece of each body, `step` how far each tool moves (m)."""
-    candidates = _candidates(state, control, index, step)
-    candidates = candidates.take(_tied_to_tool(candidates, index, torch.ones_like(candidates.part, dtype=torch.bool)))
-    contact = _contacts(state, control, candidates)
-    linked = _linked(state, candidates, contact.gap)
-    reach = MARGIN + STEPS_OF_REACH * step[candidates.scene]
-    fade = ((reach - contact.gap) / (reach / 3)).clamp(0, 1)
-    fade = torch.where(linked, 1.0, fade)
-    chosen = _tied_to_tool(candidates, index, fade > 0)
-    contact = Contact(*(values.index_select(0, chosen) for values in contact))
-    return Near(*candidates.take(chosen), contact, fade.index_select(0, chosen))
+class Reach(NamedTuple):
+    """What the tool can reach in a frame, by the circles around bodies and parts, which are cheaper than their shapes.
+
+    index: piece of each body. step: how far each tool moves (m). pairs: those that a chain of pairs ties to the tool.
+    keep: up to which gap (m) each of them keeps its edge, however far apart. pieces: that such chains reach, the
+    tool's being the last.
+    """
+
+    index: Int[Tensor, "batch bodies"]
+    step: Float[Tensor, " batch"]
+    poses: Float[Tensor, "batch nodes 3"]
+    shapes: RoundedBox  # [batch nodes]
+    pairs: "Pairs"
+    keep: Float[Tensor, " pairs"]
+    pieces: Bool[Tensor, "batch pieces"]
+
+    @property
+    def may_move(self) -> Bool[Tensor, "batch bodies"]:
+        """Bodies that the tool can reach, through others or joints that may be; the rest stays put."""
+        return self.pieces.gather(1, self.index)
+
+
+class Pairs(NamedTuple):
+    """Columns as in Near; ends: first and second."""
+
+    scene: Int[Tensor, " pairs"]
+    pair: Int[Tensor, " pairs"]
+    ends: Int[Tensor, "2 pairs"]
+    pieces: Int[Tensor, "2 pairs"]
+
+    def take(self, index: Int[Tensor, " chosen"]) -> "Pairs":
+        """Some of the pairs."""
+        columns = torch.cat((torch.stack(self[:2]), *self[2:])).index_select(1, index)
+        return Pairs(columns[0], columns[1], columns[2:4], columns[4:])
+
+
+def near_pairs(reach: Reach) -> Near:
+    """Pairs that share an edge in the frame."""
+    pairs = reach.pairs
+    rows = (pairs.ends + pairs.scene * reach.poses.shape[1]).flatten()
+    poses, half_extents, radius = (
+        values.flatten(0, 1).index_select(0, rows).unflatten(0, (2, -1)) for values in (reach.poses, *reach.shapes)
+    )
+    boxes = (RoundedBox(half_extents[end], radius[end]) for end in range(2))
+    contact = contact_between(*boxes, pose.relative(*poses).float())
+    widest = MARGIN + STEPS_OF_REACH * reach.step.index_select(0, pairs.scene)
+    fade = ((widest - contact.gap) / (widest / 3)).clamp(0, 1)
+    fade = torch.where(contact.gap < reach.keep, 1.0, fade)
+    tied = _tied_to_tool(pairs.pieces, reach.index, fade > 0)[0]
+    pairs = pairs.take(tied)
+    first, second = pairs.ends.unbind()
+    return Near(
+        scene=pairs.scene,
+        pair=pairs.pair,
+        first=first,
+        second=second,
+        is_tool=second >= reach.index.shape[1],
+        pieces=pairs.pieces,
+        poses=poses.index_select(1, tied),
+        contact=Contact(*(values.index_select(0, tied) for values in contact)),
+        fade=fade.index_select(0, tied),
+    )
+
+
+def within_reach(state: State, control: Control) -> Reach:
+    """What the tool can reach in this frame; joined pairs belong together however far apart."""
+    scenes, relations = state.scenes, state.relations
+    index, step = piece_index(scenes, relations), tool_step(state, control)
+    poses, shapes = node_poses(state, control), node_shapes(scenes)
+    bodies, nodes = index.shape[1], poses.shape[1]
+    circle = shapes.half_extents.norm(dim=-1) + shapes.radius
+    piece = functional.pad(index, (0, nodes - bodies), value=bodies)
+    moves = torch.cat((scenes.present, scenes.part_present), 1) & (step > STILL)[:, None]
+    apart = (poses[:, None, :, :2] - poses[:, :bodies, None, :2]).norm(dim=-1)
+    apart = apart - (circle[:, None] + circle[:, :bodies, None])
+    valid = moves[:, None] & moves[:, :bodies, None] & (piece[:, None] != index[:, :, None])
+    first, second = both = pairs_with_parts(bodies, nodes - bodies, index.device)
+    gap = torch.where(valid, apart, torch.inf).flatten(1).index_select(1, first * nodes + second)
+
+    may_slide = torch.where(relations.remembered & ~relations.known, SLIDER_REACH, -torch.inf)
+    keep = torch.where(relations.kind > 0, torch.inf, may_slide)
+    keep = functional.pad(keep, (0, len(first) - keep.shape[1]), value=-torch.inf)
+    scene, pair = (gap < keep.clamp(min=(MARGIN + STEPS_OF_REACH * step)[:, None])).nonzero(as_tuple=True)
+    ends = both.index_select(1, pair)
+    pieces = piece.flatten().index_select(0, (ends + scene * nodes).flatten()).view(2, -1)
+    pairs = Pairs(scene, pair, ends, pieces + scene * (bodies + 1))
+    tied, reached = _tied_to_tool(pairs.pieces, index)
+    pairs = pairs.take(tied)
+    keep = keep.flatten().index_select(0, pairs.scene * len(first) + pairs.pair)
+    return Reach(index, step, poses, shapes, pairs, keep, reached)
 
 
 def tool_step(state: State, control: Control) -> Float[Tensor, " batch"]:
@@ -60,94 +140,28 @@ def tool_step(state: State, control: Control) -> Float[Tensor, " batch"]:
     return torch.where(control.down, step, 0.0).float()
 
 
-def may_move(state: State, control: Control) -> Bool[Tensor, "batch bodies"]:
-    """Bodies that the tool can reach in this frame, through others or joints that may be; the rest stays put."""
-    index = piece_index(state.scenes, state.relations)
-    candidates = _candidates(state, control, index, tool_step(state, control))
-    tied = _tied_to_tool(candidates, index, torch.ones_like(candidates.part, dtype=torch.bool))
-    candidates = candidates.take(tied)
-    pieces = torch.zeros_like(index, dtype=torch.bool)
-    pieces[candidates.scene, index[candidates.scene, candidates.first]] = True
-    # The tool's pairs have no second body; -1 would be the last one.
-    second = torch.where(candidates.part >= 0, candidates.first, candidates.second)
-    pieces[candidates.scene, index[candidates.scene, second]] = True
-    return pieces.gather(1, index)
+def node_poses(state: State, control: Control) -> Float[Tensor, "batch nodes 3"]:
+    """Poses of all bodies, then of the tool's parts, in the world."""
+    parts = state.scenes.pose_tool_from_part.to(state.poses.dtype)
+    return torch.cat((state.poses, pose.compose(control.pose[:, None], parts)), 1)
 
 
-class _Pairs(NamedTuple):
-    scene: Tensor
-    first: Tensor
-    second: Tensor
-    part: Tensor
-    pair: Tensor
-
-    def take(self, index: Tensor) -> "_Pairs":
-        return _Pairs(*torch.stack(self).index_select(1, index))
+def node_shapes(scenes: SceneBatch) -> RoundedBox:
+    """Shapes of all bodies, then of the tool's parts, [batch nodes]."""
+    return RoundedBox(*(torch.cat(both, 1) for both in zip(scenes.boxes, scenes.parts, strict=True)))
 
 
-def _candidates(state: State, control: Control, index: Tensor, step: Tensor) -> _Pairs:
-    """Pairs whose circumscribed circles are near enough, in scenes whose tool moves; and those that are joined."""
-    scenes, positions = state.scenes, state.poses[..., :2]
-    a, b = pairs_of(positions.shape[1], positions.device)
-    size = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
-    reach = (MARGIN + STEPS_OF_REACH * step)[:, None]
-    moves = scenes.present & (step > STILL)[:, None]
-    relations = state.relations
-    apart = (positions[:, b] - positions[:, a]).square().sum(-1)
-    limit = torch.where(relations.remembered & ~relations.known, SLIDER_REACH, reach) + size[:, a] + size[:, b]
-    near = (apart < limit.square()) | (relations.kind > 0)
-    near &= moves[:, a] & moves[:, b] & (index[:, a] != index[:, b])
-    scene, pair = near.nonzero(as_tuple=True)
-
-    parts = pose.transform(control.pose[:, None], scenes.pose_tool_from_part[..., :2].to(positions.dtype))
-    part_size = scenes.parts.half_extents.norm(dim=-1) + scenes.parts.radius
-    apart = (parts[:, None] - positions[:, :, None]).square().sum(-1)
-    limit = reach[..., None] + size[..., None] + part_size[:, None]
-    near = (apart < limit.square()) & moves[..., None] & scenes.part_present[:, None]
-    tool_scene, body, part = near.nonzero(as_tuple=True)
-    none, no_part = torch.full_like(tool_scene, -1), torch.full_like(scene, -1)
-    return _Pairs(
-        scene=torch.cat((scene, tool_scene)),
-        first=torch.cat((a[pair], body)),
-        second=torch.cat((b[pair], none)),
-        part=torch.cat((no_part, part)),
-        pair=torch.cat((pair, none)),
-    )
-
-
-def _tied_to_tool(pairs: _Pairs, index: Tensor, shares: Bool[Tensor, " pairs"]) -> Int[Tensor, " tied"]:
-    """Rows of the pairs that a chain of pairs, all of which share an edge, ties to the tool."""
-    row, label, is_tool = pairs.scene * index.shape[1], index.flatten(), pairs.part >= 0
-    first = row + label[row + pairs.first]
-    second = torch.where(is_tool, first, row + label[row + pairs.second])
-    ends = torch.stack((first, second))
-    reached = torch.zeros_like(label, dtype=torch.bool)
-    tied, before = shares & is_tool, None
-    while before is None or not torch.equal(tied, before):
-        reached.index_fill_(0, ends[:, tied].flatten(), True)
-        tied, before = shares & reached[ends].any(0), tied
-    return tied.nonzero().squeeze(-1)
-
-
-def _linked(state: State, pairs: _Pairs, gap: Tensor) -> Bool[Tensor, " pairs"]:
-    """Pairs that share an edge however large their gap: joined ones, and unknown ones that may be joined."""
-    relations, scene, pair = state.relations, pairs.scene, pairs.pair.clamp(min=0)
-    may_slide = relations.remembered[scene, pair] & ~relations.known[scene, pair] & (gap < SLIDER_REACH)
-    return (pairs.pair >= 0) & ((relations.kind[scene, pair] > 0) | may_slide)
-
-
-def _contacts(state: State, control: Control, pairs: _Pairs) -> Contact:
-    scenes, poses, scene = state.scenes, state.poses, pairs.scene
-    is_tool = pairs.part >= 0
-    second, part = pairs.second.clamp(min=0), pairs.part.clamp(min=0)
-    pose_world_from_part = pose.compose(control.pose[scene], scenes.pose_tool_from_part[scene, part].to(poses.dtype))
-    pose_world_from_other = torch.where(is_tool[:, None], pose_world_from_part, poses[scene, second])
-    boxes, parts = scenes.boxes, scenes.parts
-    return contact_between(
-        RoundedBox(boxes.half_extents[scene, pairs.first], boxes.radius[scene, pairs.first]),
-        RoundedBox(
-            torch.where(is_tool[:, None], parts.half_extents[scene, part], boxes.half_extents[scene, second]),
-            torch.where(is_tool, parts.radius[scene, part], boxes.radius[scene, second]),
-        ),
-        pose.relative(poses[scene, pairs.first], pose_world_from_other).float(),
-    )
+def _tied_to_tool(
+    pieces: Tensor, index: Tensor, shares: Tensor | None = None
+) -> tuple[Int[Tensor, " tied"], Bool[Tensor, "batch pieces"]]:
+    """Places of the pairs that a chain of pairs, all of which share an edge, ties to the tool; and what it reaches."""
+    reached = torch.zeros(len(index), index.shape[1] + 1, dtype=torch.int32, device=index.device)
+    reached[:, -1] = 1
+    sharing = pieces if shares is None else pieces[:, shares]
+    here, there = sharing.flatten(), sharing.flip(0).flatten()
+    flat, before = reached.flatten(), None
+    while before is None or not torch.equal(flat, before):
+        flat, before = flat.index_add(0, here, flat.index_select(0, there)).clamp_(max=1), flat
+    tied = flat.index_select(0, pieces[0])
+    tied = tied if shares is None else tied * shares
+    return tied.nonzero().squeeze(-1), flat.view_as(reached) > 0

@@ -44,11 +44,18 @@ def piece_index(scenes: SceneBatch, relations: Relations) -> Int[Tensor, "batch 
         flat = new
 
 
+def all_loose(index: Int[Tensor, "batch bodies"]) -> bool:
+    """Whether every body is a piece by itself, so that there is nothing to sum up."""
+    return torch.equal(index, torch.arange(index.shape[1], device=index.device).expand_as(index))
+
+
 def gather_pieces(
     scenes: SceneBatch, index: Int[Tensor, "batch bodies"], positions: Float[Tensor, "batch bodies 2"]
 ) -> Pieces:
     """Mass, centre and extent of the pieces, bodies being at `positions`."""
     weight = scenes.mass * scenes.present
+    if all_loose(index):
+        return Pieces(index, weight, positions, scenes.patch_radius)
     mass = torch.zeros_like(weight).scatter_add(1, index, weight)
     share = weight / mass.gather(1, index).clamp(min=1e-9)
     # Summed as offsets from the piece's first body, so that nothing is lost far from the origin.
@@ -68,6 +75,8 @@ def move_pieces(
     twist: Float[Tensor, "batch bodies 3"],
 ) -> Float[Tensor, "batch bodies 3"]:
     """How each body's pose changes if its piece's centre moves by twist[..., :2] (m) and it turns by twist[..., 2]."""
+    if all_loose(pieces.index):
+        return twist
     index = pieces.index[..., None]
     twist = twist.gather(1, index.expand(twist.shape))
     arm = poses[..., :2] - pieces.centre.gather(1, index.expand(poses[..., :2].shape))
@@ -80,6 +89,8 @@ def mean_motion(
     scenes: SceneBatch, index: Int[Tensor, "batch bodies"], motions: Float[Tensor, "batch bodies 3"]
 ) -> Float[Tensor, "batch bodies 3"]:
     """How the centres of the pieces move and turn, given how their bodies do: the mean over mass."""
+    if all_loose(index):
+        return motions
     weight = (scenes.mass * scenes.present)[..., None]
     rows = index[..., None].expand(motions.shape)
     total = torch.zeros_like(motions).scatter_add(1, rows, motions * weight)

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pushgraph import pose
+from pushgraph.graph.near import node_poses, node_shapes
 from pushgraph.graph.pieces import Pieces, gather_pieces
 from pushgraph.graph.scene_batch import pair_index
 from pushgraph.graph.state import Control, State
@@ -54,9 +55,9 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
     batch, bodies = poses.shape[:2]
     parts = scenes.parts.radius.shape[1]
     width = bodies + parts
-    part_poses = pose.compose(control.pose[:, None], scenes.pose_tool_from_part.to(poses.dtype))
-    all_poses = torch.cat((poses, part_poses), 1).flatten(0, 1)
-    arm = part_poses[..., :2] - control.pose[:, None, :2]
+    all_poses = node_poses(state, control)
+    arm = all_poses[:, bodies:, :2] - control.pose[:, None, :2]
+    all_poses = all_poses.flatten(0, 1)
 
     def part_motion(motion: Tensor) -> Tensor:
         swing = pose.rotate(arm, motion[:, None, 2].expand(arm.shape[:2])) - arm
@@ -65,8 +66,7 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
 
     velocity = torch.cat((state.motions, part_motion(control.last_motion)), 1).flatten(0, 1)
     steer = torch.cat((torch.zeros_like(state.motions), part_motion(control.motion)), 1).flatten(0, 1)
-    half_extents = torch.cat((scenes.boxes.half_extents, scenes.parts.half_extents), 1).flatten(0, 1)
-    radius = torch.cat((scenes.boxes.radius, scenes.parts.radius), 1).flatten()
+    half_extents, radius = (values.flatten(0, 1) for values in node_shapes(scenes))
     size = 2 * (half_extents + radius[:, None]) / SIZE
     cylinder = (radius > 0).float()
     mass = torch.cat((scenes.mass / NOMINAL_MASS, torch.zeros_like(scenes.parts.radius)), 1).flatten()

@@ -1,5 +1,6 @@
 """Many scenes as tensors: what does not change while they are pushed."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -80,9 +81,20 @@ class SceneBatch(NamedTuple):
         return map_tensors(lambda values: values.to(device), self)
 
 
+@functools.cache
+@torch.inference_mode(False)
 def pairs_of(bodies: int, device: torch.device | str = "cpu") -> Int[Tensor, "2 pairs"]:
     """All pairs a < b of a number of bodies."""
     return torch.triu_indices(bodies, bodies, 1, device=device)
+
+
+@functools.cache
+@torch.inference_mode(False)
+def pairs_with_parts(bodies: int, parts: int, device: torch.device | str = "cpu") -> Int[Tensor, "2 all_pairs"]:
+    """The pairs of `pairs_of`, then every body with every part of the tool, which count on from the bodies."""
+    first = torch.arange(bodies, device=device).repeat_interleave(parts)
+    second = torch.arange(bodies, bodies + parts, device=device).repeat(bodies)
+    return torch.cat((pairs_of(bodies, device), torch.stack((first, second))), 1)
 
 
 def pair_index(a: Index, b: Index, bodies: int) -> Index:
@@ -160,11 +172,14 @@ def remember(
     """Start the memory of unknown pairs that are adjacent for the first time."""
     if bool(relations.known.all()):
         return relations
-    a, b = pairs_of(poses.shape[1], poses.device)
-    size = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
-    apart = (poses[:, b, :2] - poses[:, a, :2]).norm(dim=-1) - size[:, a] - size[:, b]
-    new = ~relations.known & ~relations.remembered & (apart < adjacent_gap)
-    new &= scenes.present[:, a] & scenes.present[:, b]
+    a, b = both = pairs_of(poses.shape[1], poses.device)
+    circle = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
+    (x_a, x_b), (circle_a, circle_b), present = (
+        values.index_select(1, both.flatten()).unflatten(1, (2, -1)).unbind(1)
+        for values in (poses[..., :2], circle, scenes.present)
+    )
+    apart = (x_b - x_a).norm(dim=-1) - circle_a - circle_b
+    new = (apart < adjacent_gap) & ~(relations.known | relations.remembered) & present[0] & present[1]
     scene, pair = new.nonzero(as_tuple=True)
     if not len(scene):
         return relations
@@ -269,7 +284,9 @@ def _known_pairs(scene: Scene, index: dict[str, int], bodies: int) -> np.ndarray
 
 
 def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
-    """Apply a function to the tensors of nested batches that stand at the same place."""
+    """Apply a function to the tensors of nested batches that stand at the same place; None stays None."""
+    if batches[0] is None:
+        return None
     if isinstance(batches[0], Tensor):
         return function(*batches)
     return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.near import may_move
+from pushgraph.graph.near import Reach, within_reach
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
 
@@ -46,7 +46,8 @@ class View(NamedTuple):
 class Frame(NamedTuple):
     """What one frame showed.
 
-    in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
+    in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before. reach: what
+    the tool could reach from `before` on, if that was found out.
     """
 
     before: State
@@ -56,6 +57,7 @@ class Frame(NamedTuple):
     adjacent_at_first: Bool[Tensor, "batch pairs"]
     in_sight: Bool[Tensor, "batch pairs"]
     continuous: Bool[Tensor, "batch bodies"]
+    reach: Reach | None
 
 
 def first_look(
@@ -73,7 +75,7 @@ def first_look(
     rested = torch.ones_like(seen, dtype=poses.dtype)
     view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen)
     control = Control(tool, still, still, torch.zeros_like(down))
-    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen)
+    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, None)
 
 
 def look(
@@ -90,7 +92,8 @@ def look(
     continuous = seen & view.seen
 
     last = view.state.poses
-    unreached = torch.where(may_move(view.state, control), 0, view.unreached + 1)
+    reach = within_reach(view.state, control)
+    unreached = torch.where(reach.may_move, 0, view.unreached + 1)
     strays = (poses[..., :2] - last[..., :2]).norm(dim=-1) > STRAY
     rests = continuous & (unreached > COASTING) & ~strays
     rested = torch.where(rests, view.rested + 1, torch.where(seen, 1.0, view.rested))
@@ -102,7 +105,7 @@ def look(
     before = view.state._replace(relations=_settled(view.state.relations, poses, _both(untouched)))
     after = before.observe(poses)
     after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
-    frame = Frame(before, after, control, first, view.adjacent_at_first, _both(seen), continuous)
+    frame = Frame(before, after, control, first, view.adjacent_at_first, _both(seen), continuous, reach)
     view = View(
         after,
         tool,

@@ -16,8 +16,8 @@ from torch.nn import functional
 from pushgraph.graph.contact_graph import CLAMP, EDGE_FEATURES, NODE_FEATURES, ContactGraph
 from pushgraph.network.edge_maps import arms_of, edges_last, in_contact_frame, parting, pushing
 
-ESTIMATES = 15
-"""Features of an edge that change with the estimates: what is left of three offsets, turn, slack; both twists."""
+CLAMPED, ESTIMATES = 9, 15
+"""Features of an edge that change with the estimates: what is left of three offsets, turn, slack; and both twists."""
 FORCES = 7
 """What an edge answers with: forces at two contacts and the joint, in contact frame, and a torque."""
 
@@ -61,46 +61,87 @@ class ContactSolver(nn.Module):
         precision = self.force.weight.dtype
         edge = self.edge_encoder(graph.edges.to(precision))
         node = self.node_encoder(graph.nodes.to(precision))
-        free = (~graph.kinematic)[:, None].to(graph.twist.dtype)
+        free = (~graph.kinematic).to(graph.twist.dtype)
         at_rest, of_ends, of_force = _linear_maps(graph)
-        # All that needs a node's latent at once: rows for where it receives, where it sends, its update; its damping.
-        update, correction = self.node_update[0], self.node_update[2]
-        by_node, by_total = update.weight.chunk(2, 1)
-        of_node = torch.cat((self.from_nodes.weight, by_node)).t()
-        ends = torch.stack((graph.receiver, graph.sender), 1).flatten()
-        rows = (3 * ends.view(-1, 2) + ends.new_tensor([0, 1])).flatten()
-        pairs = torch.arange(0, len(ends), 2, device=ends.device)
+        weights = self._weights()
+        ends = torch.stack((graph.receiver, graph.sender))
+        rows = (3 * ends.t() + ends.new_tensor([0, 1])).flatten()
+        pairs = torch.arange(0, len(rows), 2, device=rows.device)
         order = graph.receiver.argsort(stable=True)
         received = graph.receiver.bincount(minlength=len(node))
         received = received.cumsum(0) - received
         weight = graph.edges[:, 0].index_select(0, order)
-        twist = graph.twist
+        twist, ends, receiver = edges_last(graph.twist), ends.flatten(), graph.receiver.expand(3, -1)
         for _ in range(self.steps):
-            at_ends = twist.index_select(0, ends).view(-1, 6).t().contiguous()
-            estimates = _clamped(at_rest + (of_ends * at_ends[:, None]).sum(0)).t()
-            told = node @ of_node
-            hidden = edge + self.from_estimates(estimates.to(precision))
+            at_ends = twist.index_select(1, ends).view(6, 1, -1)
+            estimates = (at_rest + (of_ends * at_ends).sum(0)).clamp(-weights.clamp, weights.clamp)
+            told = torch.addmm(weights.node_bias, node, weights.of_node)
+            hidden = torch.addmm(edge, estimates.t().to(precision), weights.of_estimates)
             hidden += _sums(told.view(-1, self.hidden), rows, pairs)
-            hidden = self.message(hidden.relu_()).relu_()
+            hidden = torch.addmm(weights.message_bias, hidden.relu_(), weights.of_message).relu_()
             total = _sums(hidden, order, received, weight.to(hidden.dtype))
-            total = (told[:, 2 * self.hidden :] + functional.linear(total, by_total, update.bias)).relu_()
-            node = node + correction(total)
-            force = torch.addmm(self.force.bias[:, None], self.force.weight, hidden.t()).to(twist.dtype)
-            change = (of_force * force[:, None]).sum(0).t()
-            damping = self.damping(node).to(twist.dtype)
-            damping = torch.cat((damping[:, :1], damping), -1)
-            twist = torch.addcmul(twist.index_add(0, graph.receiver, change), free * damping, twist)
-        return Solution(twist, hidden)
+            total = torch.addmm(told[:, 2 * self.hidden :], total, weights.of_total).relu_()
+            node = torch.addmm(node, total, weights.of_correction) + weights.correction_bias
+            force = torch.addmm(weights.force_bias, self.force.weight, hidden.t()).to(twist.dtype)
+            change = (of_force * force[:, None]).sum(0)
+            damping = torch.addmm(weights.damping_bias, weights.of_damping, node.t()).to(twist.dtype)
+            twist = torch.addcmul(twist.scatter_add(1, receiver, change), free * damping, twist)
+        return Solution(twist.t(), hidden)
+
+    def _weights(self) -> "_Weights":
+        first, second = self.node_update[0], self.node_update[2]
+        of_own, of_total = first.weight.chunk(2, 1)
+        same = [0, 0, 1]  # x and y are damped alike
+        clamp = self.force.weight.new_full((ESTIMATES, 1), torch.inf, dtype=torch.float32)
+        clamp[:CLAMPED] = CLAMP
+        return _Weights(
+            clamp=clamp,
+            of_node=torch.cat((self.from_nodes.weight, of_own)).t(),
+            node_bias=functional.pad(first.bias, (2 * self.hidden, 0)),
+            of_estimates=self.from_estimates.weight.t(),
+            of_message=self.message.weight.t(),
+            message_bias=self.message.bias,
+            of_total=of_total.t(),
+            of_correction=second.weight.t(),
+            correction_bias=second.bias,
+            force_bias=self.force.bias[:, None],
+            of_damping=self.damping.weight[same],
+            damping_bias=self.damping.bias[same, None],
+        )
+
+
+class _Weights(NamedTuple):
+    """Weights of a step as it uses them, so that each product is one operation.
+
+    clamp: bounds of the estimates. of_node: all that a node's latent is multiplied by, for where it receives, where it
+    sends, and its update. of_total, of_correction: the two layers of that update, for what a node is told.
+    """
+
+    clamp: Tensor
+    of_node: Tensor
+    node_bias: Tensor
+    of_estimates: Tensor
+    of_message: Tensor
+    message_bias: Tensor
+    of_total: Tensor
+    of_correction: Tensor
+    correction_bias: Tensor
+    force_bias: Tensor
+    of_damping: Tensor
+    damping_bias: Tensor
 
 
 def _sums(rows: Tensor, index: Tensor, starts: Tensor, weight: Tensor | None = None) -> Tensor:
     """Sums of the rows at index[starts[k] : starts[k + 1]], times their weights: gathered and added in one pass."""
-    return functional.embedding_bag(index, rows, starts, mode="sum", per_sample_weights=weight)
+    return torch.embedding_bag(rows, index, starts, per_sample_weights=weight)[0]
 
 
 def _linear_maps(graph: ContactGraph) -> tuple[Tensor, Tensor, Tensor]:
-    """All that the loop needs of the geometry: estimates [15, edges] are affine in the twists of the two ends, world
-    axes, [6, 15, edges], and changes of the receiver, world axes, linear in the forces, [7, 3, edges]."""
+    """All that the loop needs of the geometry.
+
+    Estimates [15, edges] are affine in the twists of the two ends, world axes, each number of the receiver before that
+    of the sender, [6, 15, edges]. Changes of the receiver, world axes, are linear in the forces, [7, 3, edges].
+    """
     normal, arms = edges_last(graph.normal), arms_of(graph.receiver_levers)
     moved, turned = parting(normal, arms, arms_of(graph.sender_levers))
     slack_axis = edges_last(graph.slack_axis)
@@ -108,12 +149,8 @@ def _linear_maps(graph: ContactGraph) -> tuple[Tensor, Tensor, Tensor]:
     axes = in_contact_frame(normal)
     ends = torch.cat((functional.pad(axes, (0, 0, 0, 3)), functional.pad(axes, (0, 0, 3, 0))))
     of_ends = torch.cat((moved.flatten(1, 2), torch.stack((turned, used, -used), 1), ends), 1)
+    of_ends = of_ends.unflatten(0, (2, 3)).transpose(0, 1).flatten(0, 1)
     at_rest = torch.cat((graph.offsets.flatten(1), graph.turn[:, None], graph.slack), -1)
     at_rest = functional.pad(edges_last(at_rest), (0, 0, 0, 6))
     of_force = pushing(normal, arms, graph.compliance.index_select(0, graph.receiver)) * graph.edges[:, 0]
     return at_rest, of_ends, of_force
-
-
-def _clamped(estimates: Tensor) -> Tensor:
-    estimates[:9].clamp_(-CLAMP, CLAMP)
-    return estimates

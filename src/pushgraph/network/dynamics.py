@@ -11,6 +11,7 @@ from pushgraph import pose
 from pushgraph.graph import contact_graph as contact_features
 from pushgraph.graph import propnet_graph as propnet_features
 from pushgraph.graph.contact_graph import LEVER, ContactGraph, contact_graph
+from pushgraph.graph.near import Reach
 from pushgraph.graph.pieces import mean_motion, move_pieces
 from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN, PropnetGraph, propnet_graph
 from pushgraph.graph.state import Control, State
@@ -64,9 +65,9 @@ class ContactDynamics(nn.Module):
         graph = contact_graph(state, control)
         return self._motion(state, graph, self.solver(graph).twist)
 
-    def foresee(self, state: State, control: Control) -> Foresight:
-        """Predict, and tell what was in mind."""
-        graph = contact_graph(state, control)
+    def foresee(self, state: State, control: Control, reach: Reach | None = None) -> Foresight:
+        """Predict, and tell what was in mind. reach: of the tool in this frame, if it is known already."""
+        graph = contact_graph(state, control, reach)
         solution = self.solver(graph)
         return _foresight(
             self._motion(state, graph, solution.twist), state.relations.kind, graph.relation, solution.messages
@@ -103,8 +104,8 @@ class PropnetDynamics(nn.Module):
         graph = propnet_graph(state, control)
         return self._motion(state, graph, self.network(graph).motion)
 
-    def foresee(self, state: State, control: Control) -> Foresight:
-        """Predict, and tell what was in mind."""
+    def foresee(self, state: State, control: Control, reach: Reach | None = None) -> Foresight:
+        """Predict, and tell what was in mind; what the tool can reach does not matter here."""
         graph = propnet_graph(state, control)
         propagated = self.network(graph)
         return _foresight(
