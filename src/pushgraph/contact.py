@@ -3,15 +3,17 @@
 Every shape is a box rounded by a radius: a cuboid is a box of radius zero, a cylinder a box of zero extent.
 So one computation serves every pairing: the signed distance of two boxes, less their radii.
 
-Separated boxes are nearest at a corner of one of them (eight candidates). Overlapping boxes part by the
-smallest translation along one of their eight face normals (separating axis theorem). Ties go to the first
-candidate, so a symmetric scene always gives the same answer.
+Of the eight face normals of two boxes, the one along which they stand farthest apart says where they touch (separating
+axis theorem). If that face looks at the other box, there; else one of its ends is nearest to the other's lowest
+corner, as how far two convex shapes stand apart has but one maximum over all directions. Overlapping boxes part by the
+smallest translation along that normal. Ties go to the first candidate, so a symmetric scene always gives the same
+answer.
 """
 
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pushgraph.pose import as_complex
@@ -59,43 +61,36 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
     the poses at which nearest features tie (parallel faces that turn, coincident centres, two corners that
     touch), where they are those of one of them. Beside a corner the normal turns as fast as 1 / gap.
     """
-    views = _views(a, b, pose_a_from_b)
-    cores = _nearest_points(views)
-    separation, best = _largest(_separations(views))
-    face = _reference_face(views, best)
+    touch = _touch(a, b, pose_a_from_b)
+    high, normal = touch.face_height, touch.face_normal
+    # Points on the face and on the other box, of the first contact, then of the second.
+    heights = torch.stack((high, high + touch.height, high, high + touch.far_height), -1)
+    alongs = torch.stack((touch.along, touch.other_along, touch.far_along, touch.far_along), -1)
+    cores = torch.complex(heights, alongs) * normal[..., None] + touch.position[..., None]
+    cores = cores.unflatten(-1, (2, 2))
+    cores = torch.where(touch.of_a[..., None, None], cores, cores.flip(-1))
 
-    distance, parted = _distance(cores[..., 1] - cores[..., 0], separation)
-    along = (cores[..., 1] - cores[..., 0]) / torch.where(parted, distance, 1.0)
-    normal = torch.where(parted, along, face.normal)
-    gap = distance - a.radius - b.radius
-    cores = torch.where(parted[..., None], cores, face.first)
-
-    from_ends = torch.view_as_real(cores[..., None, 0] - face.ends[..., 0]).square().sum(-1)
-    first_is_near = from_ends[..., 0] <= from_ends[..., 1] + TIE[from_ends.dtype]
-    far = torch.where(first_is_near[..., None], face.ends[..., 1, :], face.ends[..., 0, :])
-    far_gap = ((far[..., 1] - far[..., 0]) * face.normal.conj()).real - a.radius - b.radius
-    has_second = face.looks_at_other & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
-
-    outward = torch.stack((a.radius, -b.radius), -1)
-    first = cores + outward * normal[..., None]
-    second = torch.where(has_second[..., None], far + outward * face.normal[..., None], first)
-    points = torch.view_as_real(torch.stack((first, second), -1))
+    normal = torch.where(touch.of_a, normal, -normal)
+    along = (cores[..., 0, 1] - cores[..., 0, 0]) / torch.where(touch.parted, touch.distance, 1.0)
+    normals = torch.stack((torch.where(touch.parted, along, normal), normal), -1)
+    radii = a.radius + b.radius
+    has_second = touch.looks_at_other & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
+    gap = touch.distance - radii
+    points = cores + torch.stack((a.radius, -b.radius), -1)[..., None, :] * normals[..., None]
+    second = torch.where(has_second[..., None], points[..., 1, :], points[..., 0, :])
+    points = torch.view_as_real(torch.stack((points[..., 0, :], second), -2))
     return Contact(
         gap=gap,
-        normal=torch.view_as_real(normal),
-        gaps=torch.stack((gap, torch.where(has_second, far_gap, gap)), -1),
-        points_a=points[..., 0, :, :],
-        points_b=points[..., 1, :, :],
+        normal=torch.view_as_real(normals[..., 0]),
+        gaps=torch.stack((gap, torch.where(has_second, touch.far_height - radii, gap)), -1),
+        points_a=points[..., 0, :],
+        points_b=points[..., 1, :],
     )
 
 
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-    """Return only the signed gap of each pair (m), at half the cost of `contact_between`."""
-    views = _views(a, b, pose_a_from_b)
-    cores = _nearest_points(views)
-    separation, _ = _largest(_separations(views))
-    distance, _ = _distance(cores[..., 1] - cores[..., 0], separation)
-    return distance - a.radius - b.radius
+    """Return only the signed gap of each pair (m)."""
+    return _touch(a, b, pose_a_from_b).distance - a.radius - b.radius
 
 
 class _Views(NamedTuple):
@@ -106,17 +101,24 @@ class _Views(NamedTuple):
     position: Complex[Tensor, "*batch 2"]
     corners: Complex[Tensor, "*batch 2 4"]
 
-    def in_frame_a(self, from_a: Bool[Tensor, "*batch"]) -> tuple[Complex[Tensor, "*batch"], Complex[Tensor, "*batch"]]:
-        """Rotation and position of the box whose view it is, in the frame of a."""
-        return torch.where(from_a, 1.0, self.rotation[..., 0]), torch.where(from_a, 0.0, self.position[..., 0])
 
+class _Touch(NamedTuple):
+    """Where two boxes touch, without their radii, at the face along whose normal they stand farthest apart.
 
-class _Face(NamedTuple):
-    """The face of largest separation between two boxes, in the frame of a, without the radii."""
+    Along is counted from the middle of that face, height from the face.
+    """
 
-    normal: Complex[Tensor, "*batch"]  # from a to b
-    first: Complex[Tensor, "*batch 2"]  # the other box's corner nearest to the face and its foot on it, on a and on b
-    ends: Complex[Tensor, "*batch 2 2"]  # ends of the stretch where the face looks at the other box, each on a and b
+    of_a: Bool[Tensor, "*batch"]  # whether the face is one of a
+    face_normal: Complex[Tensor, "*batch"]  # in the frame of a
+    face_height: Float[Tensor, "*batch"]  # over the middle of its box
+    position: Complex[Tensor, "*batch"]  # of its box, in the frame of a
+    parted: Bool[Tensor, "*batch"]
+    distance: Float[Tensor, "*batch"]  # signed
+    along: Float[Tensor, "*batch"]  # first contact, on the face
+    other_along: Float[Tensor, "*batch"]  # and on the other box
+    height: Float[Tensor, "*batch"]
+    far_along: Float[Tensor, "*batch"]  # farther end of the stretch where the face looks at the other box
+    far_height: Float[Tensor, "*batch"]
     looks_at_other: Bool[Tensor, "*batch"]  # whether there is such a stretch
 
 
@@ -131,33 +133,9 @@ def _views(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"
     return _Views(half_extents, rotation, position, corners * rotation[..., None] + position[..., None])
 
 
-def _first_smallest(values: Float[Tensor, "*batch n"]) -> Int[Tensor, "*batch"]:
-    return (values.detach() + LATER[values.dtype][: values.shape[-1]].to(values.device)).argmin(-1)
-
-
-def _nearest_points(views: _Views) -> Complex[Tensor, "*batch 2"]:
-    """Nearest points of two separated boxes, on a and on b: a corner of one and its foot on the other; frame of a."""
-    corners = torch.view_as_real(views.corners)
-    half_extents = views.half_extents[..., None, :]
-    feet = corners.clamp(-half_extents, half_extents)
-    apart = torch.linalg.vector_norm((corners - feet).detach(), dim=-1)
-    # Corners of a, which are seen from b, come first where there is a tie.
-    nearest = _first_smallest(apart.flip(-2).flatten(-2)) ^ 4
-    feet, corners = as_complex(feet).flatten(-2), views.corners.flatten(-2)
-    points = torch.stack((feet, corners), -1).take_along_dim(nearest[..., None, None], -2).squeeze(-2)
-    from_a = nearest < 4
-    rotation, position = views.in_frame_a(from_a)
-    points = points * rotation[..., None] + position[..., None]
-    return torch.where(from_a[..., None], points, points.flip(-1))
-
-
-def _distance(
-    offset: Complex[Tensor, "*batch"], separation: Float[Tensor, "*batch"]
-) -> tuple[Float[Tensor, "*batch"], Bool[Tensor, "*batch"]]:
-    """Signed distance of two boxes, and whether it is that of their nearest points, an offset apart."""
-    squared = torch.view_as_real(offset).square().sum(-1)
-    parted = (separation > 0) & (squared > (32 * torch.finfo(squared.dtype).eps) ** 2)
-    return torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation), parted
+def _handicapped(values: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+    """Values to choose the smallest of, without gradient: a later one must be smaller by more than rounding."""
+    return values.detach() + LATER[values.dtype][: values.shape[-1]].to(values.device)
 
 
 def _separations(views: _Views) -> Float[Tensor, "*batch 8"]:
@@ -165,62 +143,62 @@ def _separations(views: _Views) -> Float[Tensor, "*batch 8"]:
 
     A point has no faces, but between two points the axes of their frames serve.
     """
-    own, other = views.half_extents, views.half_extents.flip(-2)
-    cos, sin = _magnitude(torch.view_as_real(views.rotation)).split(1, -1)
-    reach = own + cos * other + sin * other.flip(-1)
-    position = torch.view_as_real(views.position)
-    separation = torch.cat((position - reach, -position - reach), -1)
-    faceless = (own.amax(-1) == 0) & (other.amax(-1) > 0)
+    own, corners = views.half_extents, torch.view_as_real(views.corners)
+    lowest, highest = corners.min(-2).values, corners.max(-2).values
+    separation = torch.cat((lowest - own, -highest - own), -1)
+    extent = own.amax(-1)
+    faceless = (extent == 0) & (extent.flip(-1) > 0)
     return separation.masked_fill(faceless[..., None], -torch.inf).flatten(-2)
 
 
-def _magnitude(values: Tensor) -> Tensor:
-    """Absolute values, with the slope of one side at zero, where `abs` has none."""
-    return torch.where(values < 0, -values, values)
-
-
-def _largest(separations: Float[Tensor, "*batch 8"]) -> tuple[Float[Tensor, "*batch"], Int[Tensor, "*batch"]]:
-    face = _first_smallest(-separations)
-    return separations.take_along_dim(face[..., None], -1).squeeze(-1), face
-
-
-def _reference_face(views: _Views, face: Int[Tensor, "*batch"]) -> _Face:
-    """Geometry of one face: 0 to 3 are those of a, 4 to 7 those of b."""
+def _touch(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Touch:
+    views = _views(a, b, pose_a_from_b)
+    separations = _separations(views)
+    face = _handicapped(-separations).argmin(-1)
+    separation = separations.take_along_dim(face[..., None], -1).squeeze(-1)
     of_a = face < 4
-    # Work in the frame of the box whose face it is, turned so that the face looks along x: height above the face is
-    # along x, position along it is y.
+
+    # Work in the frame of the box whose face it is, turned so that the face looks along x.
     normal = NORMALS.to(views.rotation)[face % 4]
     own = torch.where(of_a[..., None], views.half_extents[..., 0, :], views.half_extents[..., 1, :])
-    own = torch.where((face % 2 == 0)[..., None], own, own.flip(-1))
-    face_height, face_half_length = own.unbind(-1)
+    face_height, half_length = torch.where((face % 2 == 0)[..., None], own, own.flip(-1)).unbind(-1)
     corners = torch.where(of_a[..., None], views.corners[..., 0, :], views.corners[..., 1, :])
     corners = torch.view_as_real(corners * normal.conj()[..., None])
-    height, along = corners[..., 0] - face_height[..., None], corners[..., 1]
 
-    # The other box's nearest face joins its lowest corner to the lower of that corner's two neighbours.
-    lowest = _first_smallest(height)
-    neighbours = torch.stack(((lowest + 1) % 4, (lowest + 3) % 4), -1)
-    second_lowest = neighbours.take_along_dim(_first_smallest(height.take_along_dim(neighbours, -1))[..., None], -1)
-    edge = torch.cat((lowest[..., None], second_lowest), -1)
-    edge_along, edge_height = along.take_along_dim(edge, -1), height.take_along_dim(edge, -1)
-
-    low = torch.maximum(edge_along.amin(-1), -face_half_length)
-    high = torch.minimum(edge_along.amax(-1), face_half_length)
-    run, rise = edge_along[..., 1] - edge_along[..., 0], edge_height[..., 1] - edge_height[..., 0]
+    # The other box's nearest face joins its two lowest corners.
+    edge = _handicapped(corners[..., 0]).topk(2, largest=False).indices
+    corner, neighbour = corners.take_along_dim(edge[..., None], -2).unbind(-2)
+    (height, along), (rise, run) = corner.unbind(-1), (neighbour - corner).unbind(-1)
+    height = height - face_height
     slanted = run.abs() > TIE[run.dtype]
     slope = torch.where(slanted, rise, 0.0) / torch.where(slanted, run, 1.0)
-    stops_along = torch.stack((edge_along[..., 0], low, high), -1)
-    stops_height = edge_height[..., :1] + slope[..., None] * (stops_along - edge_along[..., :1])
+    low = torch.maximum(torch.minimum(along, along + run), -half_length)
+    high = torch.minimum(torch.maximum(along, along + run), half_length)
+    looks = high > low + TIE[low.dtype]
 
-    heights = face_height[..., None, None] + torch.stack((torch.zeros_like(stops_height), stops_height), -1)
-    rotation, position = views.in_frame_a(of_a)
-    normal = normal * rotation
-    points = torch.complex(heights, stops_along[..., None].expand_as(heights)) * normal[..., None, None]
-    points = points + position[..., None, None]
-    points = torch.where(of_a[..., None, None], points, points.flip(-1))
-    return _Face(
-        normal=torch.where(of_a, normal, -normal),
-        first=points[..., 0, :],
-        ends=points[..., 1:, :],
-        looks_at_other=high > low + TIE[low.dtype],
+    # Parted boxes are nearest at the lowest corner and what is nearest to that on the face. Only where the two nearest
+    # faces are parallel but for rounding may the corner lie beside the face, and a point behind it be nearer.
+    parted = separation > 0
+    face_along = torch.where(parted, along.clamp(-half_length, half_length), along)
+    squared_length = (rise.square() + run.square()).clamp(min=torch.finfo(run.dtype).tiny)
+    behind = ((face_along - along) * run - height * rise) / squared_length
+    behind = torch.where(parted, behind.clamp(0, 1), 0.0)
+    first_height, other_along = height + behind * rise, along + behind * run
+    squared = first_height.square() + (other_along - face_along).square()
+    parted = parted & (squared > (32 * torch.finfo(squared.dtype).eps) ** 2)
+    far_along = torch.where(other_along - low <= high - other_along + TIE[low.dtype], high, low)
+    rotation = torch.where(of_a, 1.0, views.rotation[..., 0])
+    return _Touch(
+        of_a=of_a,
+        face_normal=normal * rotation,
+        face_height=face_height,
+        position=torch.where(of_a, 0.0, views.position[..., 0]),
+        parted=parted,
+        distance=torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation),
+        along=face_along,
+        other_along=other_along,
+        height=first_height,
+        far_along=far_along,
+        far_height=height + slope * (far_along - along),
+        looks_at_other=looks,
     )
