@@ -173,9 +173,11 @@ def complete(
     fixed = JOINT_CODES["fixed"]
     stranger = answers.new_full((len(JOINT_CODES),), (1 - STRANGERS) / (len(JOINT_CODES) - 1))
     stranger[JOINT_CODES["none"]] = STRANGERS
-    kind = torch.where(rigid_pairs(scenes.group), fixed, relations.kind)
-    given = torch.eye(len(JOINT_CODES), dtype=answers.dtype, device=answers.device)[kind]
-    probabilities = torch.where(relations.known[..., None], given, stranger)
+    probabilities = stranger.expand(*relations.kind.shape, -1)
+    if relations.known.any():
+        kind = torch.where(rigid_pairs(scenes.group), fixed, relations.kind)
+        given = torch.eye(len(JOINT_CODES), dtype=answers.dtype, device=answers.device)[kind]
+        probabilities = torch.where(relations.known[..., None], given, probabilities)
     probabilities = probabilities.index_put((rows.scene, rows.pair), answers)
     settled = relations.known.index_put((rows.scene, rows.pair), torch.ones_like(rows.scene, dtype=torch.bool))
 
@@ -184,7 +186,7 @@ def complete(
     between = torch.eye(bodies, dtype=answers.dtype, device=answers.device).repeat(len(direct), 1, 1)
     between[:, a, b] = between[:, b, a] = torch.where(settled, direct, 0.0)
     for _ in range(max(1, math.ceil(math.log2(bodies - 1)))):  # chains of up to 2, 4, 8 ... pairs
-        between = (between[:, :, :, None] * between[:, None]).amax(2)
+        between = (between.unsqueeze(3) * between.unsqueeze(1)).amax(2)
     chained = torch.maximum(between[:, a, b], direct)
     others = probabilities * ((1 - chained) / (1 - direct).clamp(min=1e-9))[..., None]
     others[..., fixed] = chained

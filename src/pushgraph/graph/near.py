@@ -54,7 +54,7 @@ class Reach(NamedTuple):
     step: Float[Tensor, " batch"]
     poses: Float[Tensor, "batch nodes 3"]
     shapes: RoundedBox  # [batch nodes]
-    pairs: "Pairs"
+    pairs: Int[Tensor, "6 pairs"]
     keep: Float[Tensor, " pairs"]
     pieces: Bool[Tensor, "batch pieces"]
 
@@ -64,42 +64,29 @@ class Reach(NamedTuple):
         return self.pieces.gather(1, self.index)
 
 
-class Pairs(NamedTuple):
-    """Columns as in Near; ends: first and second."""
-
-    scene: Int[Tensor, " pairs"]
-    pair: Int[Tensor, " pairs"]
-    ends: Int[Tensor, "2 pairs"]
-    pieces: Int[Tensor, "2 pairs"]
-
-    def take(self, index: Int[Tensor, " chosen"]) -> "Pairs":
-        """Some of the pairs."""
-        columns = torch.cat((torch.stack(self[:2]), *self[2:])).index_select(1, index)
-        return Pairs(columns[0], columns[1], columns[2:4], columns[4:])
-
-
 def near_pairs(reach: Reach) -> Near:
     """Pairs that share an edge in the frame."""
-    pairs = reach.pairs
-    rows = (pairs.ends + pairs.scene * reach.poses.shape[1]).flatten()
+    columns = reach.pairs
+    scene, ends, pieces = columns[0], columns[2:4], columns[4:]
+    rows = (ends + scene * reach.poses.shape[1]).flatten()
     poses, half_extents, radius = (
         values.flatten(0, 1).index_select(0, rows).unflatten(0, (2, -1)) for values in (reach.poses, *reach.shapes)
     )
     boxes = (RoundedBox(half_extents[end], radius[end]) for end in range(2))
     contact = contact_between(*boxes, pose.relative(*poses).float())
-    widest = MARGIN + STEPS_OF_REACH * reach.step.index_select(0, pairs.scene)
+    widest = MARGIN + STEPS_OF_REACH * reach.step.index_select(0, scene)
     fade = ((widest - contact.gap) / (widest / 3)).clamp(0, 1)
     fade = torch.where(contact.gap < reach.keep, 1.0, fade)
-    tied = _tied_to_tool(pairs.pieces, reach.index, fade > 0)[0]
-    pairs = pairs.take(tied)
-    first, second = pairs.ends.unbind()
+    tied = _tied_to_tool(pieces, reach.index, fade > 0)[0]
+    columns = columns.index_select(1, tied)
+    scene, pair, first, second, _, _ = columns.unbind()
     return Near(
-        scene=pairs.scene,
-        pair=pairs.pair,
+        scene=scene,
+        pair=pair,
         first=first,
         second=second,
         is_tool=second >= reach.index.shape[1],
-        pieces=pairs.pieces,
+        pieces=columns[4:],
         poses=poses.index_select(1, tied),
         contact=Contact(*(values.index_select(0, tied) for values in contact)),
         fade=fade.index_select(0, tied),
@@ -112,25 +99,25 @@ def within_reach(state: State, control: Control) -> Reach:
     index, step = piece_index(scenes, relations), tool_step(state, control)
     poses, shapes = node_poses(state, control), node_shapes(scenes)
     bodies, nodes = index.shape[1], poses.shape[1]
-    circle = shapes.half_extents.norm(dim=-1) + shapes.radius
-    piece = functional.pad(index, (0, nodes - bodies), value=bodies)
     moves = torch.cat((scenes.present, scenes.part_present), 1) & (step > STILL)[:, None]
+    # What is not there, and a scene whose tool rests, is infinitely far from everything.
+    circle = torch.where(moves, shapes.half_extents.norm(dim=-1) + shapes.radius, -torch.inf)
+    piece = functional.pad(index, (0, nodes - bodies), value=bodies)
     apart = (poses[:, None, :, :2] - poses[:, :bodies, None, :2]).norm(dim=-1)
     apart = apart - (circle[:, None] + circle[:, :bodies, None])
-    valid = moves[:, None] & moves[:, :bodies, None] & (piece[:, None] != index[:, :, None])
+    apart = torch.where(piece[:, None] == index[:, :, None], torch.inf, apart)
     first, second = both = pairs_with_parts(bodies, nodes - bodies, index.device)
-    gap = torch.where(valid, apart, torch.inf).flatten(1).index_select(1, first * nodes + second)
+    gap = apart.flatten(1).index_select(1, first * nodes + second)
 
     may_slide = torch.where(relations.remembered & ~relations.known, SLIDER_REACH, -torch.inf)
     keep = torch.where(relations.kind > 0, torch.inf, may_slide)
     keep = functional.pad(keep, (0, len(first) - keep.shape[1]), value=-torch.inf)
     scene, pair = (gap < keep.clamp(min=(MARGIN + STEPS_OF_REACH * step)[:, None])).nonzero(as_tuple=True)
     ends = both.index_select(1, pair)
-    pieces = piece.flatten().index_select(0, (ends + scene * nodes).flatten()).view(2, -1)
-    pairs = Pairs(scene, pair, ends, pieces + scene * (bodies + 1))
-    tied, reached = _tied_to_tool(pairs.pieces, index)
-    pairs = pairs.take(tied)
-    keep = keep.flatten().index_select(0, pairs.scene * len(first) + pairs.pair)
+    pieces = piece.flatten().index_select(0, (ends + scene * nodes).flatten()).view(2, -1) + scene * (bodies + 1)
+    tied, reached = _tied_to_tool(pieces, index)
+    pairs = torch.cat((torch.stack((scene, pair)), ends, pieces)).index_select(1, tied)
+    keep = keep.flatten().index_select(0, pairs[0] * len(first) + pairs[1])
     return Reach(index, step, poses, shapes, pairs, keep, reached)
 
 
@@ -155,8 +142,7 @@ def _tied_to_tool(
     pieces: Tensor, index: Tensor, shares: Tensor | None = None
 ) -> tuple[Int[Tensor, " tied"], Bool[Tensor, "batch pieces"]]:
     """Places of the pairs that a chain of pairs, all of which share an edge, ties to the tool; and what it reaches."""
-    reached = torch.zeros(len(index), index.shape[1] + 1, dtype=torch.int32, device=index.device)
-    reached[:, -1] = 1
+    reached = functional.pad(torch.zeros_like(index), (0, 1), value=1)
     sharing = pieces if shares is None else pieces[:, shares]
     here, there = sharing.flatten(), sharing.flip(0).flatten()
     flat, before = reached.flatten(), None

@@ -65,16 +65,24 @@ def pair_evidence(
     turn = wrap_angle(torch.stack((turned, -turned), -1) - offset) * LEVER
     stretch = centres.abs()[..., None] - distance
 
-    # Motions and surprises of both ends, told in the receiver's axis.
-    told = torch.stack((after.motions, after.motions - predicted)).float()
-    along = as_complex(told[..., :2])[..., torch.stack((ends, ends.flip(-1)))] * to_axis[0, :, None]
-    turning = told[..., 2][..., torch.stack((ends, ends.flip(-1)))] * LEVER
-    moves = torch.stack((along.real, along.imag, turning), -1)  # [what, batch, end, pairs, 2, 3]
-    moves = moves.permute(1, 3, 4, 0, 2, 5).flatten(3)
-
+    # What is told of both ends: motions and surprises in the receiver's axis, and how far each has come.
     since = (after.poses - first).float()
-    travel = torch.stack((since[..., :2].norm(dim=-1), since[..., 2].abs() * LEVER), -1)
-    receiver_travel, sender_travel = travel[:, ends], travel[:, ends.flip(-1)]
+    moves = torch.stack((after.motions, after.motions - predicted), 2).float()
+    bodies = torch.cat(
+        (
+            moves.flatten(2),
+            since[..., :2].norm(dim=-1, keepdim=True),
+            since[..., 2:].abs() * LEVER,
+            torch.stack((scenes.is_cylinder, scenes.yaw_known), -1).float(),
+        ),
+        -1,
+    )
+    told = bodies.index_select(1, ends.flatten()).unflatten(1, ends.shape)
+    told = torch.stack((told, told.flip(2)), 3)  # [batch, pairs, direction, receiver or sender, numbers]
+    moves = told[..., :6].unflatten(-1, (2, 3)).transpose(3, 4)
+    along = as_complex(moves[..., :2]) * to_axis[0, ..., None, None]
+    moves = torch.cat((torch.view_as_real(along), moves[..., 2:] * LEVER), -1).flatten(3)
+    receiver, sender = told[..., 6:].unbind(3)
     receiver_anchor, sender_anchor = (torch.view_as_real(some * axis.conj()) / LEVER for some in (anchors, others))
     fine = torch.cat(
         (
@@ -84,17 +92,18 @@ def pair_evidence(
             torch.view_as_real(drift[1] - drift[0]),
             wrap_angle((turn[1] - turn[0]) / LEVER)[..., None] * LEVER,
             moves,
-            receiver_travel,
-            sender_travel,
+            receiver[..., :2],
+            sender[..., :2],
         ),
         -1,
     )
     fine = (fine / FINE).asinh()
-    cylinder, yaw_known = scenes.is_cylinder[:, ends], scenes.yaw_known[:, ends]
-    of_pair = torch.stack((adjacent_at_first, linked, down[:, None].expand_as(linked)), -1)
-    flags = torch.stack((cylinder, cylinder.flip(-1), yaw_known, yaw_known.flip(-1)), -1)
-    flags = torch.cat((flags, of_pair[:, :, None].expand(-1, -1, 2, -1)), -1)
-    told = (fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor, flags.float())
+    of_pair = torch.stack((adjacent_at_first, linked, down[:, None].expand_as(linked)), -1).float()
+    told = (
+        *(fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor),
+        *(receiver[..., 2:3], sender[..., 2:3], receiver[..., 3:], sender[..., 3:]),
+        of_pair[:, :, None].expand(-1, -1, 2, -1),
+    )
     return torch.cat(told, -1)
 
 

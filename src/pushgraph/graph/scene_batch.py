@@ -167,19 +167,31 @@ def hide_relations(scenes: SceneBatch, hidden: Bool[Tensor, "batch pairs"]) -> S
 
 
 def remember(
-    scenes: SceneBatch, relations: Relations, poses: Float[Tensor, "batch bodies 3"], adjacent_gap: float
+    scenes: SceneBatch,
+    relations: Relations,
+    poses: Float[Tensor, "batch bodies 3"],
+    adjacent_gap: float,
+    moved: Bool[Tensor, "batch bodies"] | None = None,
 ) -> Relations:
-    """Start the memory of unknown pairs that are adjacent for the first time."""
+    """Start the memory of unknown pairs that are adjacent for the first time.
+
+    moved: bodies that moved since this was last asked, if it was; pairs of others are as far apart as they were.
+    """
     if bool(relations.known.all()):
         return relations
     a, b = both = pairs_of(poses.shape[1], poses.device)
+    # What is not there is infinitely far from everything.
     circle = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
-    (x_a, x_b), (circle_a, circle_b), present = (
-        values.index_select(1, both.flatten()).unflatten(1, (2, -1)).unbind(1)
-        for values in (poses[..., :2], circle, scenes.present)
-    )
+    circle = torch.where(scenes.present, circle, -torch.inf)
+
+    def of_ends(values: Tensor) -> tuple[Tensor, ...]:
+        return values.index_select(1, both.flatten()).unflatten(1, (2, -1)).unbind(1)
+
+    (x_a, x_b), (circle_a, circle_b) = of_ends(poses[..., :2]), of_ends(circle)
     apart = (x_b - x_a).norm(dim=-1) - circle_a - circle_b
-    new = (apart < adjacent_gap) & ~(relations.known | relations.remembered) & present[0] & present[1]
+    new = (apart < adjacent_gap) & ~(relations.known | relations.remembered)
+    if moved is not None:
+        new &= torch.logical_or(*of_ends(moved))
     scene, pair = new.nonzero(as_tuple=True)
     if not len(scene):
         return relations

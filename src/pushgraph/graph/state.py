@@ -26,8 +26,11 @@ class State(NamedTuple):
 
     def observe(self, poses: Float[Tensor, "batch bodies 3"]) -> "State":
         """The next frame's state, bodies being at `poses`."""
-        relations = remember(self.scenes, self.relations, poses.detach(), ADJACENT)
-        return State(self.scenes, poses, poses - self.poses, relations)
+        motions = poses - self.poses
+        moved = (motions != 0).any(-1)
+        return State(
+            self.scenes, poses, motions, remember(self.scenes, self.relations, poses.detach(), ADJACENT, moved)
+        )
 
 
 class Control(NamedTuple):

@@ -74,7 +74,7 @@ class ContactSolver(nn.Module):
         twist, ends, receiver = edges_last(graph.twist), ends.flatten(), graph.receiver.expand(3, -1)
         for _ in range(self.steps):
             at_ends = twist.index_select(1, ends).view(6, 1, -1)
-            estimates = (at_rest + (of_ends * at_ends).sum(0)).clamp(-weights.clamp, weights.clamp)
+            estimates = (at_rest + (of_ends * at_ends).sum(0)).clamp(*weights.bounds)
             told = torch.addmm(weights.node_bias, node, weights.of_node)
             hidden = torch.addmm(edge, estimates.t().to(precision), weights.of_estimates)
             hidden += _sums(told.view(-1, self.hidden), rows, pairs)
@@ -92,10 +92,10 @@ class ContactSolver(nn.Module):
         first, second = self.node_update[0], self.node_update[2]
         of_own, of_total = first.weight.chunk(2, 1)
         same = [0, 0, 1]  # x and y are damped alike
-        clamp = self.force.weight.new_full((ESTIMATES, 1), torch.inf, dtype=torch.float32)
-        clamp[:CLAMPED] = CLAMP
+        bound = self.force.weight.new_full((ESTIMATES, 1), torch.inf, dtype=torch.float32)
+        bound[:CLAMPED] = CLAMP
         return _Weights(
-            clamp=clamp,
+            bounds=(-bound, bound),
             of_node=torch.cat((self.from_nodes.weight, of_own)).t(),
             node_bias=functional.pad(first.bias, (2 * self.hidden, 0)),
             of_estimates=self.from_estimates.weight.t(),
@@ -113,11 +113,11 @@ class ContactSolver(nn.Module):
 class _Weights(NamedTuple):
     """Weights of a step as it uses them, so that each product is one operation.
 
-    clamp: bounds of the estimates. of_node: all that a node's latent is multiplied by, for where it receives, where it
+    bounds: of the estimates. of_node: all that a node's latent is multiplied by, for where it receives, where it
     sends, and its update. of_total, of_correction: the two layers of that update, for what a node is told.
     """
 
-    clamp: Tensor
+    bounds: tuple[Tensor, Tensor]
     of_node: Tensor
     node_bias: Tensor
     of_estimates: Tensor

@@ -33,8 +33,8 @@ def parting(
 ) -> tuple[Float[Tensor, "6 points 2 edges"], Float[Tensor, "6 edges"]]:
     """How the sender's points move away from the receiver's, contact frame, and how it turns relative to it, for each
     unit twist of the receiver, then of the sender."""
-    points = len(receiver_arms)
-    moves = in_contact_frame(normal)[:2, None, :2].expand(-1, points, -1, -1)
+    x, y = normal
+    moves = torch.stack((x, -y, y, x)).view(2, 1, 2, -1).expand(-1, len(receiver_arms), -1, -1)
     moved = torch.cat((-moves, -receiver_arms[None], moves, sender_arms[None]))
     turned = normal.new_tensor([0.0, 0.0, -1.0, 0.0, 0.0, 1.0])[:, None].expand(-1, normal.shape[1])
     return moved, turned
