@@ -188,6 +188,17 @@ def test_gradients_of_a_rollout_agree_with_finite_differences(contact) -> None:
         assert measured == pytest.approx(expected, rel=0.03, abs=0.01)
 
 
+def test_what_was_predicted_without_gradients_may_be_learnt_from_later(contact) -> None:
+    scene = workshop()
+    tool, push = plan_tool(scene.pushes, scene.tool)
+    down = torch.tensor(push >= 0)[None, :8]
+    with torch.no_grad():
+        poses = contact.rollout(contact.start([scene]), torch.tensor(tool)[None, :8], down)
+    scale = torch.ones((), dtype=torch.float64, requires_grad=True)
+    (poses * scale).square().sum().backward()
+    assert float(scale.grad) == pytest.approx(2 * float(poses.square().sum()))
+
+
 def small_state(scene: Scene, predictor: PhysicsPredictor, tool=(-0.112, 0.0, 0.0)):
     rows = [torch.tensor([row], dtype=torch.float64) for row in (tool, (0.01, 0.002, 0.0), (0.0, 0.0, 0.0))]
     return predictor.start([scene]), Control(*rows, torch.tensor([True]))

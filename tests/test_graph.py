@@ -10,14 +10,15 @@ from scenes import body, workshop
 from pushgraph import pose
 from pushgraph.body import Joint
 from pushgraph.graph.contact_graph import EDGE_FEATURES, LEVER, NODE_FEATURES, contact_graph
-from pushgraph.graph.near import MARGIN
+from pushgraph.graph.near import MARGIN, within_reach
 from pushgraph.graph.pieces import gather_pieces, move_pieces, piece_index
 from pushgraph.graph.propnet_graph import EDGE_FEATURES as PROPNET_EDGES
 from pushgraph.graph.propnet_graph import propnet_graph
-from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
-from pushgraph.graph.state import Control, start
+from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of, pairs_with_parts, remember
+from pushgraph.graph.state import ADJACENT, Control, start
 from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.tool import Part, Tool
 
 
@@ -66,6 +67,13 @@ def test_a_graph_of_three_nodes_worked_by_hand() -> None:
     assert feature((first, tool), "sender_lever_1_x") == pytest.approx(-0.05 / LEVER, abs=1e-4)
     reach = MARGIN + 2 * step
     assert feature((first, tool), "fade") == pytest.approx(min(1.0, (reach - 0.001) / (reach / 3)))
+
+
+def test_pairs_of_bodies_come_before_those_of_bodies_and_parts() -> None:
+    assert pairs_with_parts(3, 2).T.tolist() == [
+        *([0, 1], [0, 2], [1, 2]),
+        *([0, 3], [0, 4], [1, 3], [1, 4], [2, 3], [2, 4]),
+    ]
 
 
 def test_edges_fade_to_nothing_before_they_vanish() -> None:
@@ -148,6 +156,28 @@ def test_unknown_pairs_remember_where_they_first_met() -> None:
     torch.testing.assert_close(later.relations.anchor_b[0, 0], torch.tensor([-0.0625, 0.0]))  # kept
     assert later.relations.remembered[0, pair_index(1, 2, 3)]
     assert float(later.relations.yaw_offset[0, pair_index(1, 2, 3)]) == pytest.approx(-0.3)
+
+
+def test_asking_only_about_what_moved_remembers_the_same() -> None:
+    track = draw_trajectory("multiple-parts", 6, seed=3, index=0).track
+    state = state_of(track.scene.replace(joints=(), unknown_pairs="unlisted"))
+    relations, begun = state.relations, int(state.relations.remembered.sum())
+    for poses in torch.tensor(track.poses[1:, None, 1:]):
+        state = state.observe(poses)
+        relations = remember(state.scenes, relations, poses, ADJACENT)
+    assert int(state.relations.remembered.sum()) > begun
+    assert all(torch.equal(ours, all_asked) for ours, all_asked in zip(state.relations, relations, strict=True))
+
+
+def test_what_the_tool_can_reach_is_what_a_chain_of_near_bodies_ties_to_it() -> None:
+    push = control((-0.111, 0.0, 0.0), (0.01, 0.0, 0.0))
+    assert within_reach(state_of(row_of_three()), push).may_move.tolist() == [[True, True, False]]
+    joined = row_of_three().replace(joints=(Joint(kind="revolute", parent="second", child="far"),))
+    assert within_reach(state_of(joined), push).may_move.all()
+    away = control((-0.2, 0.0, 0.0), (0.01, 0.0, 0.0))
+    lifted = control((-0.111, 0.0, 0.0), (0.01, 0.0, 0.0), down=False)
+    for nothing in (away, lifted):
+        assert not within_reach(state_of(row_of_three()), nothing).may_move.any()
 
 
 def test_an_extended_slider_that_nobody_told_of_keeps_its_edge() -> None:

@@ -14,7 +14,15 @@ from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.articulation import draw_joints
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.planar import simulate
-from pushgraph.simulation.setups import SETUPS, Plan, _TooFewNeighbours, draw_trajectory, multiple_parts, varied
+from pushgraph.simulation.setups import (
+    SETUPS,
+    Plan,
+    _TooFewNeighbours,
+    draw_trajectory,
+    multiple_parts,
+    planar_mixed,
+    varied,
+)
 
 
 def draw_plans(setup, count: int, objects: int = 9) -> list[Plan]:
@@ -157,6 +165,12 @@ def test_joints_never_close_a_cycle_with_rigid_groups() -> None:
         for _ in range(3):
             joints = draw_joints(rng, bare)
             simulate(bare.replace(joints=joints))
+
+
+def test_a_mixture_of_sizes_draws_all_of_them() -> None:
+    sizes = {len(plan.scene.bodies) for plan in draw_plans(planar_mixed, 40)}
+    assert sizes == {6, 7, 8, 9}
+    assert {len(plan.scene.bodies) for plan in draw_plans(planar_mixed, 3, objects=4)} == {4}
 
 
 def test_an_unknown_setup_is_refused_with_the_valid_ones() -> None:
