@@ -61,36 +61,37 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
     the poses at which nearest features tie (parallel faces that turn, coincident centres, two corners that
     touch), where they are those of one of them. Beside a corner the normal turns as fast as 1 / gap.
     """
-    touch = _touch(a, b, pose_a_from_b)
-    high, normal = touch.face_height, touch.face_normal
+    nearest = _nearest(a, b, pose_a_from_b)
+    far_along, far_height, looks_at_other = _far_end(nearest)
+    face, normal, of_a = nearest.face_height, nearest.face_normal, nearest.of_a
     # Points on the face and on the other box, of the first contact, then of the second.
-    heights = torch.stack((high, high + touch.height, high, high + touch.far_height), -1)
-    alongs = torch.stack((touch.along, touch.other_along, touch.far_along, touch.far_along), -1)
-    cores = torch.complex(heights, alongs) * normal[..., None] + touch.position[..., None]
+    heights = torch.stack((face, face + nearest.other_height, face, face + far_height), -1)
+    alongs = torch.stack((nearest.along, nearest.other_along, far_along, far_along), -1)
+    cores = torch.complex(heights, alongs) * normal[..., None] + nearest.position[..., None]
     cores = cores.unflatten(-1, (2, 2))
-    cores = torch.where(touch.of_a[..., None, None], cores, cores.flip(-1))
+    cores = torch.where(of_a[..., None, None], cores, cores.flip(-1))
 
-    normal = torch.where(touch.of_a, normal, -normal)
-    along = (cores[..., 0, 1] - cores[..., 0, 0]) / torch.where(touch.parted, touch.distance, 1.0)
-    normals = torch.stack((torch.where(touch.parted, along, normal), normal), -1)
+    normal = torch.where(of_a, normal, -normal)
+    between = (cores[..., 0, 1] - cores[..., 0, 0]) / torch.where(nearest.parted, nearest.distance, 1.0)
+    normals = torch.stack((torch.where(nearest.parted, between, normal), normal), -1)
     radii = a.radius + b.radius
-    has_second = touch.looks_at_other & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
-    gap = touch.distance - radii
+    has_second = looks_at_other & (a.half_extents.amin(-1) > 0) & (b.half_extents.amin(-1) > 0)
+    gap = nearest.distance - radii
     points = cores + torch.stack((a.radius, -b.radius), -1)[..., None, :] * normals[..., None]
     second = torch.where(has_second[..., None], points[..., 1, :], points[..., 0, :])
     points = torch.view_as_real(torch.stack((points[..., 0, :], second), -2))
     return Contact(
         gap=gap,
         normal=torch.view_as_real(normals[..., 0]),
-        gaps=torch.stack((gap, torch.where(has_second, touch.far_height - radii, gap)), -1),
+        gaps=torch.stack((gap, torch.where(has_second, far_height - radii, gap)), -1),
         points_a=points[..., 0, :],
         points_b=points[..., 1, :],
     )
 
 
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-    """Return only the signed gap of each pair (m)."""
-    return _touch(a, b, pose_a_from_b).distance - a.radius - b.radius
+    """Return only the signed gap of each pair (m), at three quarters of the cost."""
+    return _nearest(a, b, pose_a_from_b).distance - a.radius - b.radius
 
 
 class _Views(NamedTuple):
@@ -102,24 +103,27 @@ class _Views(NamedTuple):
     corners: Complex[Tensor, "*batch 2 4"]
 
 
-class _Touch(NamedTuple):
-    """Where two boxes touch, without their radii, at the face along whose normal they stand farthest apart.
+class _Nearest(NamedTuple):
+    """Where two boxes are nearest, without their radii, at the face along whose normal they stand farthest apart.
 
-    Along is counted from the middle of that face, height from the face.
+    Along is counted from the middle of that face, height from the face. Points of the other box: the nearest one, its
+    lowest corner, and where the lower of the two faces that meet there leads to.
     """
 
     of_a: Bool[Tensor, "*batch"]  # whether the face is one of a
     face_normal: Complex[Tensor, "*batch"]  # in the frame of a
     face_height: Float[Tensor, "*batch"]  # over the middle of its box
+    half_length: Float[Tensor, "*batch"]
     position: Complex[Tensor, "*batch"]  # of its box, in the frame of a
     parted: Bool[Tensor, "*batch"]
     distance: Float[Tensor, "*batch"]  # signed
-    along: Float[Tensor, "*batch"]  # first contact, on the face
-    other_along: Float[Tensor, "*batch"]  # and on the other box
-    height: Float[Tensor, "*batch"]
-    far_along: Float[Tensor, "*batch"]  # farther end of the stretch where the face looks at the other box
-    far_height: Float[Tensor, "*batch"]
-    looks_at_other: Bool[Tensor, "*batch"]  # whether there is such a stretch
+    along: Float[Tensor, "*batch"]  # of the nearest point of the face
+    other_along: Float[Tensor, "*batch"]
+    other_height: Float[Tensor, "*batch"]
+    corner_along: Float[Tensor, "*batch"]
+    corner_height: Float[Tensor, "*batch"]
+    run: Float[Tensor, "*batch"]
+    rise: Float[Tensor, "*batch"]
 
 
 def _views(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Views:
@@ -151,7 +155,7 @@ def _separations(views: _Views) -> Float[Tensor, "*batch 8"]:
     return separation.masked_fill(faceless[..., None], -torch.inf).flatten(-2)
 
 
-def _touch(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Touch:
+def _nearest(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> _Nearest:
     views = _views(a, b, pose_a_from_b)
     separations = _separations(views)
     face = _handicapped(-separations).argmin(-1)
@@ -170,11 +174,6 @@ def _touch(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"
     corner, neighbour = corners.take_along_dim(edge[..., None], -2).unbind(-2)
     (height, along), (rise, run) = corner.unbind(-1), (neighbour - corner).unbind(-1)
     height = height - face_height
-    slanted = run.abs() > TIE[run.dtype]
-    slope = torch.where(slanted, rise, 0.0) / torch.where(slanted, run, 1.0)
-    low = torch.maximum(torch.minimum(along, along + run), -half_length)
-    high = torch.minimum(torch.maximum(along, along + run), half_length)
-    looks = high > low + TIE[low.dtype]
 
     # Parted boxes are nearest at the lowest corner and what is nearest to that on the face. Only where the two nearest
     # faces are parallel but for rounding may the corner lie beside the face, and a point behind it be nearer.
@@ -183,22 +182,38 @@ def _touch(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"
     squared_length = (rise.square() + run.square()).clamp(min=torch.finfo(run.dtype).tiny)
     behind = ((face_along - along) * run - height * rise) / squared_length
     behind = torch.where(parted, behind.clamp(0, 1), 0.0)
-    first_height, other_along = height + behind * rise, along + behind * run
-    squared = first_height.square() + (other_along - face_along).square()
+    other_height, other_along = height + behind * rise, along + behind * run
+    squared = other_height.square() + (other_along - face_along).square()
     parted = parted & (squared > (32 * torch.finfo(squared.dtype).eps) ** 2)
-    far_along = torch.where(other_along - low <= high - other_along + TIE[low.dtype], high, low)
     rotation = torch.where(of_a, 1.0, views.rotation[..., 0])
-    return _Touch(
+    return _Nearest(
         of_a=of_a,
         face_normal=normal * rotation,
         face_height=face_height,
+        half_length=half_length,
         position=torch.where(of_a, 0.0, views.position[..., 0]),
         parted=parted,
         distance=torch.where(parted, torch.where(parted, squared, 1.0).sqrt(), separation),
         along=face_along,
         other_along=other_along,
-        height=first_height,
-        far_along=far_along,
-        far_height=height + slope * (far_along - along),
-        looks_at_other=looks,
+        other_height=other_height,
+        corner_along=along,
+        corner_height=height,
+        run=run,
+        rise=rise,
     )
+
+
+def _far_end(
+    nearest: _Nearest,
+) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch"], Bool[Tensor, "*batch"]]:
+    """Where the stretch in which the two faces look at each other ends, of its two ends the one farther from where they
+    are nearest: along the face, and the other box's height there. And whether there is such a stretch."""
+    run, along, half_length = nearest.run, nearest.corner_along, nearest.half_length
+    low = torch.maximum(torch.minimum(along, along + run), -half_length)
+    high = torch.minimum(torch.maximum(along, along + run), half_length)
+    tie = TIE[run.dtype]
+    far_along = torch.where(nearest.other_along - low <= high - nearest.other_along + tie, high, low)
+    slanted = run.abs() > tie
+    slope = torch.where(slanted, nearest.rise, 0.0) / torch.where(slanted, run, 1.0)
+    return far_along, nearest.corner_height + slope * (far_along - along), high > low + tie

@@ -41,7 +41,7 @@ def physics(
     batch: Annotated[int, typer.Option(min=1, help="Windows in a step, over all processes.")] = 256,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 1.5e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 96,
-    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 6,
+    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 8,
     precision: _Precision = "float32",
     seed: _Seed = 0,
     start_from: _StartFrom = None,

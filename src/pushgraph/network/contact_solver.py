@@ -35,7 +35,7 @@ class Solution(NamedTuple):
 class ContactSolver(nn.Module):
     """Finds the twists of a graph's nodes."""
 
-    def __init__(self, hidden: int = 96, steps: int = 6) -> None:
+    def __init__(self, hidden: int = 96, steps: int = 8) -> None:
         super().__init__()
         self.hidden, self.steps = hidden, steps
         self.edge_encoder = nn.Sequential(nn.Linear(len(EDGE_FEATURES), hidden), nn.ReLU(), nn.Linear(hidden, hidden))

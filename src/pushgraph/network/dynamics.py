@@ -46,7 +46,7 @@ class Foresight(NamedTuple):
 class ContactDynamics(nn.Module):
     """Ours: only pieces that the tool can reach move, and what is one piece stays one."""
 
-    def __init__(self, hidden: int = 96, steps: int = 6) -> None:
+    def __init__(self, hidden: int = 96, steps: int = 8) -> None:
         super().__init__()
         self.solver = ContactSolver(hidden, steps)
 

@@ -40,7 +40,7 @@ class PhysicsTraining(Training):
     batch: int = 256
     learning_rate: float = 1.5e-3
     hidden: int = 96
-    propagation_steps: int = 6
+    propagation_steps: int = 8
 
     def __post_init__(self) -> None:
         super().__post_init__()
