@@ -41,7 +41,7 @@ def test_the_shipped_weights_predict_what_they_did_when_they_were_shipped(model)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> None:
     record = load(model).record
-    assert record["data"]["setup"] == "planar"
+    assert record["data"]["setup"] in ("planar", "planar-mixed")
     assert record["data"]["seed"] < 1_000_000
     assert record["samples"] > 1e6
     assert record["seconds"] > 60
@@ -88,8 +88,10 @@ def test_table_1_of_the_paper_in_prediction() -> None:
             assert moved.max() > 5 * moved.min()  # they part
         if joint == "prismatic":
             assert predicted[0, 2] == pytest.approx(predicted[1, 2], abs=0.1)  # it slides, and does not turn
-        if joint == "revolute":
-            assert abs(predicted[1, 2] - predicted[0, 2]) > 0.3
+        if joint == "revolute":  # the lower turns about the upper, as far as in simulation
+            turned, truly = (motion[1, 2] - motion[0, 2] for motion in (predicted, true))
+            assert truly > 0.2
+            assert turned == pytest.approx(truly, abs=0.1)
 
 
 def test_predict_writes_a_track_that_says_what_the_table_says(tmp_path, capsys) -> None:
