@@ -26,7 +26,8 @@ from pushgraph.simulation.setups import draw_trajectory, multiple_parts, planar
 from pushgraph.training import physics
 from pushgraph.training.examples import ExampleMaker, mirror, mirror_scenes, withhold
 from pushgraph.training.losses import unrolled_loss
-from pushgraph.training.physics import PhysicsTraining, train_physics
+from pushgraph.training.physics import PhysicsTask, PhysicsTraining, train_physics
+from pushgraph.training.processes import Processes
 
 TINY = {"frames": 2, "batch": 16, "hidden": 8, "propagation_steps": 2}
 
@@ -64,6 +65,18 @@ def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path
     assert record["training"]["batch"] == 16
     assert min(row["mean_error_cm"] for row in curve) < curve[0]["mean_error_cm"]
     assert curve[-1]["loss"] < curve[0]["loss"]
+
+
+@pytest.mark.parametrize("model", ["contact", "propnet"])
+def test_gradients_in_bfloat16_point_where_those_in_float32_do(model, data) -> None:
+    gradients = []
+    for precision in ("float32", "bfloat16"):
+        training = PhysicsTraining(model, **data, samples=1600, precision=precision, **TINY | {"hidden": 32})
+        torch.manual_seed(0)
+        network = training.MODELS[model](**training.config)
+        PhysicsTask(training, Processes(0, 1, 0), torch.device("cpu")).loss(network, 0).backward()
+        gradients.append(torch.cat([values.grad.flatten() for values in network.parameters()]))
+    assert float(torch.cosine_similarity(*gradients, dim=0)) > 0.99
 
 
 SCRIPT = """

@@ -64,6 +64,7 @@ class ContactSolver(nn.Module):
         free = (~graph.kinematic).to(graph.twist.dtype)
         at_rest, of_ends, of_force = _linear_maps(graph)
         weights = self._weights()
+        # `told`, seen as three rows a node, says first what goes where it receives, second where it sends.
         ends = torch.stack((graph.receiver, graph.sender))
         rows = (3 * ends.t() + ends.new_tensor([0, 1])).flatten()
         pairs = torch.arange(0, len(rows), 2, device=rows.device)
