@@ -41,7 +41,7 @@ def test_the_shipped_weights_predict_what_they_did_when_they_were_shipped(model)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> None:
     record = load(model).record
-    assert record["data"]["setup"] in ("planar", "planar-mixed")
+    assert record["data"]["setup"] == {"contact": "planar-mixed", "propnet": "planar"}[model]
     assert record["data"]["seed"] < 1_000_000
     assert record["samples"] > 1e6
     assert record["seconds"] > 60

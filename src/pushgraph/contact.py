@@ -4,9 +4,9 @@ Every shape is a box rounded by a radius: a cuboid is a box of radius zero, a cy
 So one computation serves every pairing: the signed distance of two boxes, less their radii.
 
 Of the eight face normals of two boxes, the one along which they stand farthest apart says where they touch (separating
-axis theorem). If that face looks at the other box, there; else one of its ends is nearest to the other's lowest
-corner, as how far two convex shapes stand apart has but one maximum over all directions. Overlapping boxes part by the
-smallest translation along that normal. Ties go to the first candidate, so a symmetric scene always gives the same
+axis theorem): at the other box's lowest corner over that face, and at what is nearest to it on the face, be it one of
+its ends. For how far two convex shapes stand apart has but one maximum over all directions. Overlapping boxes part by
+the smallest translation along that normal. Ties go to the first candidate, so a symmetric scene always gives the same
 answer.
 """
 
@@ -90,7 +90,7 @@ def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "
 
 
 def signed_gap(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch"]:
-    """Return only the signed gap of each pair (m), at three quarters of the cost."""
+    """Return only the signed gap of each pair (m), at two thirds of the cost."""
     return _nearest(a, b, pose_a_from_b).distance - a.radius - b.radius
 
 

@@ -45,9 +45,9 @@ class Near(NamedTuple):
 class Reach(NamedTuple):
     """What the tool can reach in a frame, by the circles around bodies and parts, which are cheaper than their shapes.
 
-    index: piece of each body. step: how far each tool moves (m). pairs: those that a chain of pairs ties to the tool.
-    keep: up to which gap (m) each of them keeps its edge, however far apart. pieces: that such chains reach, the
-    tool's being the last.
+    index: piece of each body. step: how far each tool moves (m). pairs: those that a chain of pairs ties to the tool,
+    in columns scene, pair, first, second and the pieces of both, as in Near. keep: up to which gap (m) each of them
+    keeps its edge, whatever the step. pieces: that such chains reach, the tool's being the last.
     """
 
     index: Int[Tensor, "batch bodies"]
