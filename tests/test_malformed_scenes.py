@@ -1,4 +1,4 @@
-"""Two hundred malformed scene files: each gets one of our errors, none a traceback."""
+"""Hundreds of malformed scene files: each gets one of our errors, none a traceback."""
 
 import json
 import random
@@ -101,6 +101,22 @@ def break_push(scene: dict, rng: random.Random) -> None:
     push[field] = value
 
 
+def break_path(scene: dict, rng: random.Random) -> None:
+    """Of a push along a path: one of its way-points or times, or what does not go with them."""
+    push = scene["pushes"][1]
+    del push["direction"], push["distance"]
+    push |= {"path": [[0.25, -0.3], [0.3, -0.3, 0.5], [0.3, -0.2]], "times": [1, 1.5, 2]}
+    field = rng.choice(["path", "path", "times", "times", "rest", "force_limit", "other"])
+    if field == "path":
+        push["path"][rng.randrange(3)] = rng.choice([None, 3, [], [0.1], [0.1] * 4, [0.1, "a"], [0.1, 1e3], [1e400, 0]])
+    elif field == "times":
+        push["times"][rng.randrange(3)] = rng.choice([None, "1", -1, 0, 0.001, 1.499999, 1e9, True, [1]])
+    elif field in ("rest", "force_limit"):
+        push[field] = rng.choice([-1, "1", 1e400, [], 1e9])
+    else:
+        push |= rng.choice([{"end": [0, 0]}, {"rotation": 1.0}, {"path": {}}, {"path": []}, {"times": []}])
+
+
 def push_from_inside_a_body(scene: dict, rng: random.Random) -> None:
     scene["pushes"][0]["start"] = rng.choice(scene["bodies"])["pose_world_from_body"][:2]
 
@@ -159,8 +175,8 @@ def replace_the_whole(scene: dict, rng: random.Random) -> str:
 
 MUTATIONS: list[Mutation] = [
     set_size, set_height, set_mass, set_pose, overlap, duplicate, rename, break_joint, close_a_cycle, break_group,
-    break_push, push_from_inside_a_body, break_tool, break_table, drop_a_field, add_a_field, change_the_version,
-    truncate, garble, replace_the_whole,
+    break_push, break_path, push_from_inside_a_body, break_tool, break_table, drop_a_field, add_a_field,
+    change_the_version, truncate, garble, replace_the_whole,
 ]  # fmt: skip
 
 
@@ -179,7 +195,7 @@ def test_the_scene_that_is_mutated_is_valid(tmp_path: Path) -> None:
     assert exit_.value.code == 0
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(231))
 def test_a_malformed_scene_gets_our_error_and_a_non_zero_exit(seed: int, tmp_path: Path, capsys) -> None:
     path = tmp_path / "scene.json"
     path.write_text(malformed(seed))

@@ -64,6 +64,19 @@ def test_scenes_are_immutable() -> None:
         (lambda: Push(start=(0, 0)), r"needs either end, or direction and distance"),
         (lambda: Push(start=(0, 0), end=(1, 0), direction=0.0), r"needs either end, or direction and distance"),
         (lambda: Push(start=(0, 0), direction=0.0), r"needs either end, or direction and distance"),
+        (lambda: Push(start=(0, 0), end=(1, 0), path=[(0, 1)]), r"either end, or direction and distance, or path"),
+        (lambda: Push(start=(0, 0), path=[]), r"path: Tuple should have at least 1 item"),
+        (lambda: Push(start=(0, 0), path=[(0, 1), (1,)]), r"path\[1\]: Tuple should have at least 2 items"),
+        (lambda: Push(start=(0, 0), path=[(0, 1, 0, 0)]), r"path\[0\]: Tuple should have at most 3 items"),
+        (lambda: Push(start=(0, 0), path=[(0, math.nan)]), r"path\[0\]\[1\]: Input should be a finite number"),
+        (lambda: Push(start=(0, 0), path=[(0, 1)] * 10_001), r"path: Tuple should have at most 10000 items"),
+        (lambda: Push(start=(0, 0), path=[(0, 1, 1)], rotation=1), r"rotation: belongs to straight pushes"),
+        (lambda: Push(start=(0, 0), end=(0, 1), times=[1]), r"times: belong to the way-points of a path"),
+        (lambda: Push(start=(0, 0), path=[(0, 1)], times=[1, 2]), r"one for each of the 1 way-points .*, got 2"),
+        (lambda: Push(start=(0, 0), path=[(0, 1), (0, 2)], times=[1, 1]), r"times\[1\]: must rise, got 1 s after 1 s"),
+        (lambda: Push(start=(0, 0), path=[(0, 1)], times=[0]), r"times\[0\]: Input should be greater than 0"),
+        (lambda: Push(start=(0, 0), end=(0, 1), rest=61), r"rest: Input should be less than or equal to 60"),
+        (lambda: Push(start=(0, 0), end=(0, 1), force_limit=0), r"force_limit: Input should be greater than or equal"),
         (lambda: Push(start=(0, 0), end=(1, 0), speed=0), r"speed: Input should be greater than or equal to 0.001"),
         (lambda: Tool(parts=()), r"parts: Tuple should have at least 1 item"),
         (lambda: Scene(bodies=()), r"bodies: Tuple should have at least 1 item"),
@@ -97,6 +110,14 @@ def test_scenes_are_immutable() -> None:
         (
             lambda: workshop().replace(pushes=(Push(start=(-0.5, 0), end=(0.5, 0), speed=0.001),)),
             r"pushes\[0\]: takes 1000 s at this speed; at most 600 s",
+        ),
+        (
+            lambda: workshop().replace(pushes=(Push(start=(-0.4, 0), path=[(-0.4, 0), (-0.4, 0.5)], times=[1, 1.2]),)),
+            r"pushes\[0\].path\[1\]: reached at 2.5 m/s by its times .*; at most 2 m/s",
+        ),
+        (
+            lambda: workshop().replace(pushes=(Push(start=(-0.4, 0), path=[(-0.4, 0, 6.2)], times=[0.1]),)),
+            r"pushes\[0\].path\[0\]: reached at 3.1 m/s by its times \(rotation counts at the tool's reach",
         ),
         (lambda: workshop().replace(unknown_pairs=(("cup", "nut"),)), r"unknown_pairs\[0\]: no body 'nut'"),
         (lambda: workshop().replace(unknown_pairs=(("plate", "lid"),)), r"unknown_pairs\[0\]: .*known to be joined"),
@@ -170,7 +191,8 @@ def test_joint_frame_follows_from_the_geometry() -> None:
 
 
 def test_moving_a_scene_moves_everything_in_it() -> None:
-    scene, motion = workshop(), np.array([3.0, -2.0, 0.7])
+    winding = Push(start=(-0.3, 0.1), path=[(-0.3, 0.2), (-0.2, 0.3, 0.5), (0.1, 0.3)], yaw=0.2)
+    scene, motion = workshop().replace(pushes=(*workshop().pushes, winding)), np.array([3.0, -2.0, 0.7])
     moved = scene.moved(motion)
     np.testing.assert_allclose(moved.poses_world_from_body, pose.compose(motion, scene.poses_world_from_body))
     before, after = scene.joint_frame(scene.joints[0]), moved.joint_frame(moved.joints[0])
@@ -178,6 +200,7 @@ def test_moving_a_scene_moves_everything_in_it() -> None:
     np.testing.assert_allclose(after.axis, pose.rotate(before.axis, 0.7))
     for old, new in zip(scene.pushes, moved.pushes, strict=True):
         np.testing.assert_allclose(new.displacement, pose.rotate(np.array(old.displacement), 0.7))
+        np.testing.assert_allclose(new.waypoints, pose.compose(motion, old.waypoints))
     assert moved.table.holds(np.array([[3.0, -2.0]])).all()
 
 
@@ -189,3 +212,24 @@ def test_tool_reach_is_that_of_its_farthest_corner() -> None:
 
 def test_a_body_needs_no_mass() -> None:
     assert Body(name="a", shape=Cylinder(diameter=0.1), pose_world_from_body=(0, 0, 0)).mass is None
+
+
+def test_way_points_without_yaw_keep_the_yaw_before_them() -> None:
+    push = Push(start=(0, 0), yaw=0.1, path=[(0, 1), (1, 1, 0.5), (1, 0)])
+    np.testing.assert_array_equal(push.waypoints, [(0, 0, 0.1), (0, 1, 0.1), (1, 1, 0.5), (1, 0, 0.5)])
+    tool = Tool.round(0.2)
+    np.testing.assert_allclose(push.lengths(tool), [1, 1.04, 1])
+    assert push.path_length(tool) == pytest.approx(3.04)
+    assert push.displacement == (1, 0)
+
+
+def test_a_straight_push_is_a_path_of_one_way_point() -> None:
+    push = Push(start=(0.1, 0.2), direction=math.pi / 2, distance=0.3, yaw=0.1, rotation=-1.0)
+    np.testing.assert_allclose(push.waypoints, [(0.1, 0.2, 0.1), (0.1, 0.5, -0.9)])
+    assert push.path_length(Tool.round(0.2)) == pytest.approx(0.4)
+
+
+def test_a_fault_in_a_list_is_not_also_called_a_list_too_short() -> None:
+    with pytest.raises(SceneError) as error:
+        Push(start=(0, 0), path=[(0, "a")])
+    assert str(error.value).count("\n") == 0

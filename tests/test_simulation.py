@@ -7,10 +7,10 @@ import pytest
 
 from pushgraph.body import Body, Joint
 from pushgraph.errors import SimulationError
-from pushgraph.pose import inverse, relative, transform
+from pushgraph.pose import compose, inverse, relative, transform
 from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
-from pushgraph.simulation.motion import ToolMotion
+from pushgraph.simulation.motion import ToolMotion, plan_tool
 from pushgraph.simulation.planar import PlanarSimulation, simulate
 from pushgraph.simulation.planar_model import TIMESTEP, build, mean_radius
 from pushgraph.tool import Part, Push, Tool
@@ -168,6 +168,68 @@ def test_tool_follows_a_trapezoid_below_the_speed_and_one_metre_per_second_squar
     assert speed.max() <= 0.25 + 1e-6
     acceleration = np.diff(np.hypot(*np.diff(poses[:, :2], axis=0).T) / np.diff(times)) / np.diff(times)[1:]
     assert np.abs(acceleration).max() < 1.0 + 1e-6
+
+
+WINDING = [(0.3, 0.0), (0.3, 0.0), (0.3, 0.2, 1.0), (0.1, 0.3, 1.5), (0.1, 0.3, 0.2)]
+
+
+def test_tool_follows_one_trapezoid_along_a_whole_polyline() -> None:
+    push, tool = Push(start=(0, 0), path=WINDING, speed=0.25), Tool.round(0.1)
+    motion = ToolMotion(push, tool)
+    length = 0.3 + (0.2 + 0.05) + (math.hypot(0.2, 0.1) + 0.025) + 1.3 * 0.05
+    assert motion.duration == pytest.approx(length / 0.25 + 0.25)
+    times = np.linspace(-0.1, motion.duration + 0.1, 20001)
+    poses = motion.poses(times)
+    np.testing.assert_array_equal(poses[0], push.waypoints[0])
+    np.testing.assert_array_equal(poses[-1], push.waypoints[-1])
+    change = np.abs(np.diff(poses, axis=0))
+    steps = np.hypot(*change[:, :2].T) + 0.05 * change[:, 2]
+    assert steps.sum() == pytest.approx(length, abs=1e-4)
+    speed = steps / np.diff(times)
+    assert speed.max() == pytest.approx(0.25, abs=1e-6)
+    acceleration = np.abs(np.diff(speed) / np.diff(times)[1:])
+    but_across_corners = np.sort(acceleration)[:-10]
+    assert but_across_corners.max() == pytest.approx(1.0, abs=1e-6)
+    for corner in push.waypoints:  # it goes through each, and does not stop there
+        assert np.abs(poses - corner).max(-1).min() < 1e-4
+    steady = speed[(times[1:] > 0.3) & (times[1:] < motion.duration - 0.3)]
+    assert (steady > 0.24).mean() > 0.999  # all but the steps across corners
+
+
+def test_way_points_on_a_line_do_not_change_a_straight_push() -> None:
+    straight = Push(start=(0.1, 0.2), end=(0.5, 0.5), speed=0.3)
+    dotted = Push(start=(0.1, 0.2), path=[(0.14, 0.23), (0.3, 0.35), (0.3, 0.35), (0.5, 0.5)], speed=0.3)
+    tool = Tool.round(0.1)
+    (before, _), (after, _) = (plan_tool([push], tool) for push in (straight, dotted))
+    np.testing.assert_allclose(after, before, atol=1e-12)
+
+
+def test_tool_is_at_each_way_point_at_its_time_and_goes_evenly_between_them() -> None:
+    times = (0.5, 0.8, 2.0, 3.0, 3.1234)
+    push = Push(start=(0, 0), yaw=-0.3, path=WINDING, times=times, rest=0.0)
+    motion = ToolMotion(push, Tool.round(0.1))
+    assert motion.duration == 3.1234
+    assert motion.frames == 63
+    np.testing.assert_array_equal(motion.poses(np.array([0.0, *times])), push.waypoints)
+    np.testing.assert_allclose(motion.pose(1.4), (push.waypoints[2] + push.waypoints[3]) / 2)
+    np.testing.assert_array_equal(motion.pose(99.0), push.waypoints[-1])
+
+
+@pytest.mark.parametrize("times", [None, (0.5, 0.8, 2.0, 3.0, 3.1234)])
+def test_a_path_in_a_turned_scene_is_the_turned_path(times) -> None:
+    push = Push(start=(0, 0), yaw=-0.3, path=WINDING, times=times, speed=0.1)
+    scene, motion = Scene(bodies=(body("a", 0.8, 0.8),), pushes=(push,)), np.array([1.0, -2.0, 2.5])
+    moved = scene.moved(motion)
+    (before, _), (after, _) = (plan_tool(one.pushes, one.tool) for one in (scene, moved))
+    np.testing.assert_allclose(after, compose(motion, before), atol=1e-12)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.2, 1.3])
+def test_the_tool_rests_as_long_as_the_push_says(rest: float) -> None:
+    push = Push(start=(0, 0), end=(0.3, 0), speed=0.2, rest=rest)
+    assert ToolMotion(push, Tool.round(0.1)).frames == math.ceil((0.3 / 0.2 + 0.2 + rest) / 0.05 - 1e-9)
+    poses, _ = plan_tool([push], Tool.round(0.1))
+    assert (poses[:, 0] == 0.3).sum() == round(rest / 0.05) + 1
 
 
 def test_a_rotating_composite_tool_sweeps_its_part_exactly() -> None:

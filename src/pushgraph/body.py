@@ -24,6 +24,8 @@ class Body(Record):
     """kg; None: unknown."""
     yaw_known: bool = True
     """False where the robot cannot see how the body is turned, as with a plain cylinder."""
+    fixed: bool = False
+    """True where nothing moves it: a wall, a fixture, the frame of a door."""
 
     @field_validator("name")
     @classmethod

@@ -40,9 +40,19 @@ def explain(error: ValidationError, root: str, data: Any, most: int = 10) -> str
 
     `root` names the outermost record and `data` is what it was to be made from.
     """
-    faults = error.errors(include_url=False)
+    faults = _without_consequences(error.errors(include_url=False))
     lines = [_explain_one(fault, root, data) for fault in faults[:most]]
     return "\n".join(lines + [f"and {len(faults) - most} more faults"] * (len(faults) > most))
+
+
+def _without_consequences(faults: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out that a list is too short where that is only since one of its items has a fault of its own."""
+
+    def has_faulty_item(fault: ErrorDetails) -> bool:
+        where = fault["loc"]
+        return any(len(one["loc"]) > len(where) and one["loc"][: len(where)] == where for one in faults)
+
+    return [fault for fault in faults if fault["type"] != "too_short" or not has_faulty_item(fault)]
 
 
 def _explain_one(fault: ErrorDetails, root: str, data: Any) -> str:

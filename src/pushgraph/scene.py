@@ -22,7 +22,7 @@ from pushgraph.contact import Contact, RoundedBox, contact_between, signed_gap
 from pushgraph.errors import SceneError
 from pushgraph.record import Record, explain
 from pushgraph.shape import Length, Point, Pose, rounded_boxes, take
-from pushgraph.tool import Push, Tool
+from pushgraph.tool import FASTEST, Push, Tool
 
 FORMAT = "pushgraph.scene"
 VERSION = 1
@@ -165,12 +165,7 @@ class Scene(Record):
                     f"bodies {self.bodies[i].name!r} and {self.bodies[j].name!r}: pose_world_from_body: they overlap "
                     f"by {-gaps.min() * 1e3:.1f} mm; at most {OVERLAP * 1e3:g} mm is valid outside a rigid group"
                 )
-        for index, push in enumerate(self.pushes):
-            if push.path_length(self.tool) / push.speed > LONGEST_PUSH:
-                raise ValueError(
-                    f"pushes[{index}]: takes {push.path_length(self.tool) / push.speed:.0f} s at this speed; at most "
-                    f"{LONGEST_PUSH:g} s are valid"
-                )
+        self._check_pushes()
         if self.pushes:
             start = np.array([[*self.pushes[0].start, self.pushes[0].yaw]])
             gaps = self.tool_gaps(start, self.poses_world_from_body)[0]
@@ -178,6 +173,21 @@ class Scene(Record):
                 raise ValueError(
                     f"pushes[0].start: the tool would come down on body {self.bodies[int(gaps.argmin())].name!r}, "
                     f"{-gaps.min() * 1e3:.1f} mm deep; at most {OVERLAP * 1e3:g} mm is valid"
+                )
+
+    def _check_pushes(self) -> None:
+        for index, push in enumerate(self.pushes):
+            if push.times is not None:
+                speeds = push.lengths(self.tool) / np.diff((0.0, *push.times))
+                if speeds.max() > FASTEST * (1 + 1e-9):
+                    raise ValueError(
+                        f"pushes[{index}].path[{int(speeds.argmax())}]: reached at {speeds.max():.3g} m/s by its "
+                        f"times (rotation counts at the tool's reach); at most {FASTEST:g} m/s are valid"
+                    )
+            elif push.path_length(self.tool) / push.speed > LONGEST_PUSH:
+                raise ValueError(
+                    f"pushes[{index}]: takes {push.path_length(self.tool) / push.speed:.0f} s at this speed; at most "
+                    f"{LONGEST_PUSH:g} s are valid"
                 )
 
     @property
@@ -259,8 +269,13 @@ class Scene(Record):
             return None if old is None else tuple(pose.rotate(np.asarray(old, dtype=float), motion[2]).tolist())
 
         def push(old: Push) -> Push:
-            direction = None if old.direction is None else old.direction + motion[2]
-            return old.replace(start=point(old.start), end=point(old.end), direction=direction, yaw=old.yaw + motion[2])
+            return old.replace(
+                start=point(old.start),
+                end=point(old.end),
+                direction=None if old.direction is None else old.direction + motion[2],
+                path=None if old.path is None else tuple(at(p) if len(p) == 3 else point(p) for p in old.path),
+                yaw=old.yaw + motion[2],
+            )
 
         return self.replace(
             bodies=tuple(b.replace(pose_world_from_body=at(b.pose_world_from_body)) for b in self.bodies),
