@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import workshop
+from scenes import body, workshop
 
 from pushgraph.cli import main
 from pushgraph.errors import ViewerError
+from pushgraph.scene import Scene, Table
 from pushgraph.simulation.planar import simulate
+from pushgraph.tool import Push
 from pushgraph.track import Track
 from pushgraph.viewer.animation import save_animation
 
@@ -49,8 +51,37 @@ def test_unknown_values_are_simulated_at_nominal_ones_and_it_says_so(tmp_path: P
     path.write_text(json.dumps(scene))
     assert run("simulate", str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 0
     printed = capsys.readouterr().out
-    assert "nominal values" in printed
-    assert "simulated as not joined" in printed
+    assert "mass of 'plate' is unknown: taken as 0.6 kg, a nominal value" in printed
+    assert "side_friction is unknown: taken as 0.25, a nominal value" in printed
+    assert "taken as not joined" in printed
+
+
+@pytest.mark.parametrize("command", ["simulate", "predict"])
+def test_what_is_assumed_and_what_is_doubtful_is_printed(command: str, tmp_path: Path, capsys) -> None:
+    scene = Scene(
+        bodies=(body("box", 0.0, 0.0, mass=None), body("post", 0.0, 0.3).replace(fixed=True, mass=1.0)),
+        table=Table(size=(0.3, 0.8)),
+        pushes=(Push(start=(-0.2, 0), end=(0.2, 0), force_limit=1000.0),),
+    )
+    path = tmp_path / "scene.json"
+    path.write_text(scene.to_json())
+    assert run(command, str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 0
+    printed = capsys.readouterr().out
+    table = printed.index("Final poses")
+    assert "Note: mass of 'box' is unknown: taken as 0.6 kg" in printed[:table]
+    assert "Note: 'box' leaves the table at 1." in printed[table:]
+    assert ("Note: 'post' cannot move: predicted" in printed[:table]) == (command == "predict")
+    assert ("Note: force_limit of pushes[0] is ignored" in printed[:table]) == (command == "predict")
+
+
+def test_predict_refuses_a_push_that_comes_down_on_a_body(tmp_path: Path, capsys) -> None:
+    pushes = (Push(start=(-0.2, 0), end=(0.1, 0)), Push(start=(0.21, 0), end=(0.3, 0)))
+    path = tmp_path / "scene.json"
+    path.write_text(Scene(bodies=(body("box", 0.0, 0.0),), pushes=pushes).to_json())
+    for command in ("simulate", "predict"):
+        assert run(command, str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 1
+        assert "pushes[1].start: the tool would come down on body 'box'" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()
 
 
 def test_help_shows_an_example_for_every_command(capsys) -> None:

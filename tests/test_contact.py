@@ -238,3 +238,13 @@ def test_second_contacts_lie_on_both_surfaces_across_from_each_other() -> None:
         np.testing.assert_allclose(outside, 0, atol=1e-9)
     length = torch.linalg.vector_norm(result.points_b[parted, 1] - result.points_a[parted, 1], dim=-1)
     np.testing.assert_allclose(length, result.gaps[parted, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("gap", [0.0, -1e-3, 0.01])
+def test_parallel_faces_meet_where_they_look_at_each_other_even_if_they_touch(gap: float) -> None:
+    box = RoundedBox(torch.tensor([0.05, 0.05], dtype=torch.float64), torch.tensor(0.0, dtype=torch.float64))
+    pose_a_from_b = torch.tensor([0.1 + gap, 0.04, 0.0], dtype=torch.float64)
+    touch = contact_between(box, box, pose_a_from_b)
+    torch.testing.assert_close(touch.points_a[:, 1].sort().values, torch.tensor([-0.01, 0.05], dtype=torch.float64))
+    torch.testing.assert_close(touch.gaps, torch.full((2,), gap, dtype=torch.float64))
+    torch.testing.assert_close(touch.middle, torch.tensor([0.05 + gap / 2, 0.02], dtype=torch.float64))

@@ -20,6 +20,7 @@ ORDER = [
     "body",
     "scene",
     "track",
+    "plausibility",
     "simulation",
     "dataset",
     "graph",

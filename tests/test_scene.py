@@ -233,3 +233,74 @@ def test_a_fault_in_a_list_is_not_also_called_a_list_too_short() -> None:
     with pytest.raises(SceneError) as error:
         Push(start=(0, 0), path=[(0, "a")])
     assert str(error.value).count("\n") == 0
+
+
+def hinged(yaw: float, size=(0.1, 0.1), gap: float = 0.0, offset: float = 0.0) -> Scene:
+    """A box on the right of another, turned about the middle of its left face, hinged somewhere in between."""
+    centre = np.array([0.05 + gap, offset]) + pose.rotate(np.array([size[0] / 2, 0.0]), np.float64(yaw))
+    bodies = (
+        body("a", 0, 0, Cuboid(size=(0.1, 0.1))).replace(fixed=True),
+        body("b", *centre.tolist(), Cuboid(size=size), yaw=yaw).replace(fixed=True),
+    )
+    return Scene(bodies=bodies)
+
+
+def anchor(scene: Scene, parent: str = "a", child: str = "b") -> np.ndarray:
+    return scene.joint_frame(Joint(kind="revolute", parent=parent, child=child)).anchor
+
+
+def test_a_hinge_between_flush_faces_sits_in_the_middle_of_where_they_face() -> None:
+    np.testing.assert_allclose(anchor(hinged(0.0)), [0.05, 0.0], atol=1e-12)
+    np.testing.assert_allclose(anchor(hinged(0.0, gap=0.01)), [0.055, 0.0], atol=1e-12)
+    np.testing.assert_allclose(anchor(hinged(0.0, offset=0.04)), [0.05, 0.02], atol=1e-12)
+    np.testing.assert_allclose(anchor(hinged(0.0, size=(0.1, 0.04), offset=0.01)), [0.05, 0.01], atol=1e-12)
+
+
+def test_the_anchor_of_a_hinge_moves_little_as_a_box_turns_by_little() -> None:
+    yaws = np.arange(-0.4, 0.4, 0.001)
+    anchors = np.array([anchor(hinged(float(yaw), gap=0.03)) for yaw in yaws])
+    steps = np.hypot(*np.diff(anchors, axis=0).T)
+    assert steps.max() < 1e-3
+    assert np.abs(np.diff(steps)).max() < 1e-4  # and evenly
+    np.testing.assert_allclose(anchors[-1], anchor(hinged(0.399, gap=0.03)))
+    assert abs(anchors[0, 1]) > 0.04  # the corner, once the faces have turned away from each other
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1e-3, -0.02, 0.05, 0.3])
+def test_the_anchor_of_a_hinge_is_that_of_the_pair_wherever_the_scene_lies(yaw: float) -> None:
+    scene, motion = hinged(yaw, gap=0.01, offset=0.013), np.array([0.4, -0.3, 2.1])
+    np.testing.assert_allclose(anchor(scene, "b", "a"), anchor(scene), atol=1e-9)
+    np.testing.assert_allclose(anchor(scene.moved(motion)), pose.transform(motion, anchor(scene)), atol=1e-9)
+
+
+def wall(name: str, x: float, y: float, **fields) -> Body:
+    return body(name, x, y, Cuboid(size=(0.1, 0.6)), mass=None).replace(fixed=True, **fields)
+
+
+def test_fixed_bodies_may_overlap_each_other_and_stand_off_the_table() -> None:
+    scene = Scene(bodies=(wall("left", 1.0, 0), wall("corner", 1.02, 0.3), body("a", 0, 0)))
+    np.testing.assert_array_equal(scene.immovable, [True, True, False])
+    assert Scene.from_json(scene.to_json()) == scene
+    with pytest.raises(SceneError, match=r"bodies 'left' and 'a': .* overlap by"):
+        scene.replace(bodies=(*scene.bodies[:2], body("a", 0.9, 0)))
+
+
+def test_a_rigid_group_with_a_fixed_body_is_fixed() -> None:
+    bodies = (wall("left", 0, 0), body("peg", 1.5, 0), body("a", 0.5, 0))
+    scene = Scene(bodies=bodies, rigid_groups=(("left", "peg"),))
+    np.testing.assert_array_equal(scene.immovable, [True, True, False])
+    with pytest.raises(SceneError, match=r"joints\[1\]: neither 'peg' nor 'door' can move, being fixed or of one"):
+        Scene(
+            bodies=(*bodies, wall("door", 0, 0.7)),
+            rigid_groups=(("left", "peg"),),
+            joints=(
+                Joint(kind="revolute", parent="peg", child="a"),
+                Joint(kind="revolute", parent="peg", child="door"),
+            ),
+        )
+
+
+def test_joints_may_close_a_loop() -> None:
+    ends = (("plate", "lid"), ("lid", "cup"), ("cup", "plate"))
+    joints = tuple(Joint(kind="revolute", parent=a, child=b) for a, b in ends)
+    assert len(workshop().replace(joints=joints).joints) == 3

@@ -19,6 +19,7 @@ _MODULE_OF = {
     **dict.fromkeys(("Body", "Joint"), "pushgraph.body"),
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
+    **dict.fromkeys(("assumptions", "remarks"), "pushgraph.plausibility"),
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "PhysicsPredictor": "pushgraph.physics",
     "BeliefModel": "pushgraph.belief",

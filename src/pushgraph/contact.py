@@ -21,6 +21,9 @@ from pushgraph.pose import as_complex
 TIE = {torch.float32: 1e-7, torch.float64: 1e-12}
 """A later candidate must be nearer than an earlier one by this much (m), so that rounding decides no tie."""
 
+TURNED_AWAY = 1e-2
+"""Faces whose second contact is farther apart than the first by this (m) touch at the first alone."""
+
 LATER = {dtype: tie * torch.arange(8, dtype=dtype) for dtype, tie in TIE.items()}
 """What later candidates are handicapped by."""
 
@@ -52,6 +55,18 @@ class Contact(NamedTuple):
     gaps: Float[Tensor, "*batch 2"]
     points_a: Float[Tensor, "*batch 2 2"]
     points_b: Float[Tensor, "*batch 2 2"]
+
+    @property
+    def middle(self) -> Float[Tensor, "*batch 2"]:
+        """Middle of where the two face each other, in the frame of a (m).
+
+        Between parallel faces that is the middle of the stretch along which they face. It goes to the first contact as
+        the faces turn, smoothly (C1), and is there once the second gap is wider than the first by TURNED_AWAY.
+        """
+        wider = ((self.gaps[..., 1] - self.gaps[..., 0]) / TURNED_AWAY).clamp(0, 1)[..., None]
+        share_of_second = (1 - wider) ** 2 * (1 + 2 * wider) / 2
+        midpoints = (self.points_a + self.points_b) / 2
+        return midpoints[..., 0, :] + share_of_second * (midpoints[..., 1, :] - midpoints[..., 0, :])
 
 
 def contact_between(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 3"]) -> Contact:
@@ -176,12 +191,14 @@ def _nearest(a: RoundedBox, b: RoundedBox, pose_a_from_b: Float[Tensor, "*batch 
     height = height - face_height
 
     # Parted boxes are nearest at the lowest corner and what is nearest to that on the face. Only where the two nearest
-    # faces are parallel but for rounding may the corner lie beside the face, and a point behind it be nearer.
+    # faces are parallel but for rounding may the corner lie beside the face, and a point behind it be nearer. So it is
+    # with parallel faces that touch or overlap, too.
     parted = separation > 0
-    face_along = torch.where(parted, along.clamp(-half_length, half_length), along)
+    on_face = parted | (rise.abs() <= TIE[rise.dtype])
+    face_along = torch.where(on_face, along.clamp(-half_length, half_length), along)
     squared_length = (rise.square() + run.square()).clamp(min=torch.finfo(run.dtype).tiny)
     behind = ((face_along - along) * run - height * rise) / squared_length
-    behind = torch.where(parted, behind.clamp(0, 1), 0.0)
+    behind = torch.where(on_face, behind.clamp(0, 1), 0.0)
     other_height, other_along = height + behind * rise, along + behind * run
     squared = other_height.square() + (other_along - face_along).square()
     parted = parted & (squared > (32 * torch.finfo(squared.dtype).eps) ** 2)

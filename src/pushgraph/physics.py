@@ -18,6 +18,7 @@ from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import Control, State, controls, start
 from pushgraph.network.dynamics import DYNAMICS, Dynamics
+from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.storage import cache_folder, replacing
@@ -46,12 +47,16 @@ def rollout(
 
 
 def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float[Tensor, "batch frames bodies 3"]:
-    """Poses of all bodies in every frame, the first being the state's; the course tells what the tool does next."""
+    """Poses of all bodies in every frame, the first being the state's; the course tells what the tool does next.
+
+    What cannot move is held in place, whatever the network makes of it.
+    """
     poses = [state.poses]
+    held = state.scenes.immovable[..., None]
     # Where no gradient is wanted, torch need not keep count of versions and views: a fifth of the time of few scenes.
     with contextlib.nullcontext() if torch.is_grad_enabled() else torch.inference_mode():
         for control in course:
-            poses.append(poses[-1] + dynamics(state, control))
+            poses.append(poses[-1] + dynamics(state, control).masked_fill(held, 0.0))
             state = state.observe(poses[-1])
     return torch.stack(poses, 1)
 
@@ -99,14 +104,22 @@ class PhysicsPredictor:
         return rollout(self.dynamics, states, tool, down)
 
     def predict(self, scene: Scene, pushes: Sequence[Push] | None = None) -> Track:
-        """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them."""
+        """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them.
+
+        Raises PredictionError if a later push comes down on a body. For what else is doubtful about it see
+        `pushgraph.plausibility`.
+        """
         scene = scene if pushes is None else scene.replace(pushes=tuple(pushes))
-        return self.predict_many([scene])[0]
+        track = self.predict_many([scene])[0]
+        if fault := refusal(track, PREDICTED_OVERLAP):
+            raise PredictionError(fault)
+        return track
 
     def predict_many(self, scenes: Sequence[Scene], frames: int | None = None) -> list[Track]:
         """Predict many scenes side by side; with `frames`, only so many frames of each.
 
-        Raises PredictionError if a pose is not finite; what caused it is saved.
+        Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
+        not finite; what caused it is saved.
         """
         plans = [plan_tool(scene.pushes, scene.tool) for scene in scenes]
         plans = [(poses[:frames], push[:frames]) for poses, push in plans]

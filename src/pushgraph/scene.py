@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from pydantic import Field, ValidationError, model_validator
 
 from pushgraph import pose
@@ -67,16 +67,14 @@ def place_joint(
     pose_world_from_parent: Float[np.ndarray, "3"],
     pose_world_from_child: Float[np.ndarray, "3"],
     gap: float,
-    point_on_parent: Float[np.ndarray, "2"],
-    point_on_child: Float[np.ndarray, "2"],
+    middle: Float[np.ndarray, "2"],
 ) -> JointFrame:
-    """Where a joint sits, given the gap and the closest points of its bodies in the frame of the parent.
+    """Where a joint sits, given the gap of its bodies and the middle of where they face, in the frame of the parent.
 
-    What is left out: the anchor is the midpoint of the closest points; the axis the line of centres, parent to
+    What is left out: the anchor is that middle (see `Contact.middle`); the axis the line of centres, parent to
     child; the limits half pi to either side (revolute), until the two touch, or 8 cm apart (prismatic).
     """
-    midpoint = (point_on_parent + point_on_child) / 2
-    anchor = np.array(joint.anchor) if joint.anchor else pose.transform(pose_world_from_parent, midpoint)
+    anchor = np.array(joint.anchor) if joint.anchor else pose.transform(pose_world_from_parent, middle)
     axis = np.array(joint.axis) if joint.axis else pose_world_from_child[:2] - pose_world_from_parent[:2]
     length = np.hypot(*axis)
     axis = axis / length if length > 1e-9 else np.array([1.0, 0.0])
@@ -141,6 +139,13 @@ class Scene(Record):
             if any(pair <= set(group) for group in self.rigid_groups):
                 raise ValueError(f"joints[{index}]: a rigid group holds both {joint.parent!r} and {joint.child!r}")
             joined.add(pair)
+        still = {name for name, immovable in zip(names, self.immovable, strict=True) if immovable}
+        for index, joint in enumerate(self.joints):
+            if {joint.parent, joint.child} <= still:
+                raise ValueError(
+                    f"joints[{index}]: neither {joint.parent!r} nor {joint.child!r} can move, being fixed or of one "
+                    "piece with a fixed body; one of the two must be free"
+                )
         for index, names_of_pair in enumerate(self.unknown_pairs if isinstance(self.unknown_pairs, tuple) else ()):
             pair = frozenset(names_of_pair)
             for name in pair - set(names):
@@ -149,14 +154,15 @@ class Scene(Record):
                 raise ValueError(f"unknown_pairs[{index}]: {list(names_of_pair)} is one body, or known to be joined")
 
     def _check_places(self) -> None:
-        on_table = self.table.holds(np.array([body.pose_world_from_body[:2] for body in self.bodies]))
-        for body, inside in zip(self.bodies, on_table, strict=True):
-            if not inside:
+        still = self.immovable
+        on_table = self.table.holds(self.poses_world_from_body[:, :2])
+        for body, valid in zip(self.bodies, on_table | still, strict=True):
+            if not valid:
                 x, y = self.table.size
                 raise ValueError(
                     f"body {body.name!r}: pose_world_from_body: the centre stands off the table of {x:g} x {y:g} m"
                 )
-        apart = self.pairs_apart
+        apart = [(i, j) for i, j in self.pairs_apart if not (still[i] and still[j])]
         if apart:
             gaps = self.contacts(apart).gap.numpy()
             if gaps.min() < -OVERLAP:
@@ -201,6 +207,13 @@ class Scene(Record):
         return np.array([body.pose_world_from_body for body in self.bodies])
 
     @property
+    def immovable(self) -> Bool[np.ndarray, " bodies"]:
+        """Whether each body stays where it is: fixed itself, or of one rigid group with a fixed one."""
+        fixed = {body.name for body in self.bodies if body.fixed}
+        fixed |= {name for group in self.rigid_groups if fixed & set(group) for name in group}
+        return np.array([name in fixed for name in self.names])
+
+    @property
     def pairs_apart(self) -> list[tuple[int, int]]:
         """Pairs of bodies (indices, in order) that no rigid group holds both of."""
         piece = {name: index for index, group in enumerate(self.rigid_groups) for name in group}
@@ -213,6 +226,22 @@ class Scene(Record):
         boxes = rounded_boxes([body.shape for body in self.bodies])
         poses = torch.from_numpy(self.poses_world_from_body)
         return contact_between(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
+
+    def pair_gaps(
+        self, pairs: Sequence[tuple[int, int]], poses_world_from_body: Float[np.ndarray, "frames bodies 3"]
+    ) -> Float[np.ndarray, "frames pairs"]:
+        """Signed gap (m) of pairs of bodies (indices) as they move; infinite where their circles stand apart."""
+        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
+        boxes = rounded_boxes([body.shape for body in self.bodies])
+        poses = torch.from_numpy(poses_world_from_body)
+        circle = boxes.half_extents.norm(dim=-1) + boxes.radius
+        distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
+        frame, pair = torch.nonzero(distance < circle[first] + circle[second], as_tuple=True)
+        a, b = first[pair], second[pair]
+        gaps = torch.full(distance.shape, torch.inf, dtype=torch.float64)
+        between = pose.relative(poses[frame, a], poses[frame, b])
+        gaps[frame, pair] = signed_gap(take(boxes, a), take(boxes, b), between)
+        return gaps.numpy()
 
     def tool_gaps(
         self,
@@ -238,14 +267,7 @@ class Scene(Record):
         parent, child = self.names.index(joint.parent), self.names.index(joint.child)
         touch = self.contacts([(parent, child)])
         poses = self.poses_world_from_body
-        return place_joint(
-            joint,
-            poses[parent],
-            poses[child],
-            float(touch.gap[0]),
-            touch.points_a[0, 0].numpy(),
-            touch.points_b[0, 0].numpy(),
-        )
+        return place_joint(joint, poses[parent], poses[child], float(touch.gap[0]), touch.middle[0].numpy())
 
     def with_nominal_values(self) -> "Scene":
         """Return the scene with every unknown mass and friction at its nominal value."""

@@ -69,7 +69,7 @@ def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
         probabilities = regulator.observe(poses, down)
         if frame in moments:
             scene = joined_as(regulator.scene(), track.scene)
-            found[moments[frame]] = predictor.predict(scene), probabilities
+            found[moments[frame]] = predictor.predict_many([scene])[0], probabilities
     return found
 
 
@@ -96,6 +96,7 @@ def predict(
     """
     from pushgraph.belief_history import BeliefHistory
     from pushgraph.physics import PhysicsPredictor
+    from pushgraph.plausibility import assumptions, simplifications
 
     for name, value, valid in (
         ("relations", relations, ("given", "none", "believed")),
@@ -113,6 +114,7 @@ def predict(
         given = BeliefHistory.load(beliefs).apply_to(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
+    _warn(assumptions(given) + simplifications(given))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         track = PhysicsPredictor.load(model).predict(given)
     _write_track(track, out or Path(Path(scene).stem), animation)
@@ -200,15 +202,13 @@ def simulate(
 
 
 def _simulate(source: str, out: Path, animation: str) -> None:
+    from pushgraph.plausibility import assumptions
     from pushgraph.simulation.planar import simulate
 
     _check_animation_option(animation)
     scene = _load_scene(source)
     known = scene.with_nominal_values()
-    if known != scene:
-        console.print("Unknown masses and frictions are simulated at their nominal values.")
-    if scene.unknown_pairs:
-        console.print("Unknown pairs are simulated as not joined.")
+    _warn(assumptions(scene))
     with console.status(f"Simulating {len(known.pushes)} pushes"):
         track = simulate(known)
     _write_track(track, out, animation)
@@ -223,7 +223,14 @@ def _check_animation_option(animation: str) -> None:
         check_animation(f"animation.{animation}")
 
 
+def _warn(sentences: list[str]) -> None:
+    """Print what is assumed, or doubtful, a line each."""
+    for sentence in sentences:
+        console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
+
+
 def _write_track(track, out: Path, animation: str) -> None:
+    from pushgraph.plausibility import remarks
     from pushgraph.viewer.animation import save_animation
     from pushgraph.viewer.picture import save_picture
 
@@ -236,6 +243,7 @@ def _write_track(track, out: Path, animation: str) -> None:
             outputs.append(out / f"animation.{animation}")
             save_animation(track, outputs[-1])
     console.print(_final_poses(track))
+    _warn(remarks(track))
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 

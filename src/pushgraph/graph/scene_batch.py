@@ -24,6 +24,8 @@ from pushgraph.shape import mean_radius, rounded_boxes
 
 JOINT_CODES = {"none": 0, "fixed": 1, "prismatic": 2, "revolute": 3}
 """The paper's codes of joints."""
+FIXED_MASS = 1000.0
+"""Stands for the mass of what cannot move (kg): the greatest that a scene may give."""
 Index = int | Int[Tensor, "*batch"]
 Batch = TypeVar("Batch")
 
@@ -51,7 +53,8 @@ class SceneBatch(NamedTuple):
     """Scenes side by side, padded to the most bodies and tool parts among them.
 
     group: index of the first body of a body's rigid group; its own, if it is in none. Unknown masses and frictions
-    stand at their nominal values, with the flag off. patch_radius: mean distance of a body's points from its centre.
+    stand at their nominal values, with the flag off; what cannot move has FIXED_MASS. patch_radius: mean distance of a
+    body's points from its centre.
     """
 
     present: Bool[Tensor, "batch bodies"]
@@ -59,6 +62,7 @@ class SceneBatch(NamedTuple):
     is_cylinder: Bool[Tensor, "batch bodies"]
     patch_radius: Float[Tensor, "batch bodies"]
     group: Int[Tensor, "batch bodies"]
+    immovable: Bool[Tensor, "batch bodies"]
     mass: Float[Tensor, "batch bodies"]
     mass_known: Bool[Tensor, "batch bodies"]
     yaw_known: Bool[Tensor, "batch bodies"]
@@ -112,6 +116,7 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         "is_cylinder": np.zeros((count, bodies), bool),
         "patch_radius": np.ones((count, bodies), np.float32),
         "group": np.tile(np.arange(bodies), (count, 1)),
+        "immovable": np.zeros((count, bodies), bool),
         "mass": np.full((count, bodies), NOMINAL_MASS, np.float32),
         "mass_known": np.zeros((count, bodies), bool),
         "yaw_known": np.zeros((count, bodies), bool),
@@ -127,6 +132,8 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         columns["patch_radius"][k, :n] = [mean_radius(body.shape) for body in scene.bodies]
         columns["mass"][k, :n] = [NOMINAL_MASS if body.mass is None else body.mass for body in scene.bodies]
         columns["mass_known"][k, :n] = [body.mass is not None for body in scene.bodies]
+        still = columns["immovable"][k, :n] = scene.immovable
+        columns["mass"][k, :n][still], columns["mass_known"][k, :n][still] = FIXED_MASS, True
         columns["yaw_known"][k, :n] = [body.yaw_known for body in scene.bodies]
         index = {name: i for i, name in enumerate(scene.names)}
         for group in scene.rigid_groups:
@@ -278,8 +285,7 @@ def _joint_frames(scenes: Sequence[Scene], jointed: Sequence[_Jointed]) -> list[
     poses = [np.array([body.pose_world_from_body for body in bodies]) for bodies in ends]
     boxes = [rounded_boxes([body.shape for body in bodies]) for bodies in ends]
     touch = contact_between(*boxes, torch.from_numpy(pose.relative(*poses)))
-    points = touch.points_a[:, 0].numpy(), touch.points_b[:, 0].numpy()
-    columns = zip(jointed, *poses, touch.gap.tolist(), *points, strict=True)
+    columns = zip(jointed, *poses, touch.gap.tolist(), touch.middle.numpy(), strict=True)
     return [place_joint(one.joint, *place) for one, *place in columns]
 
 
