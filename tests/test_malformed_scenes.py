@@ -101,6 +101,14 @@ def break_push(scene: dict, rng: random.Random) -> None:
     push[field] = value
 
 
+def break_fixed(scene: dict, rng: random.Random) -> None:
+    """No truth value, or the joint of two bodies of which none can move."""
+    if rng.random() < 0.7:
+        rng.choice(scene["bodies"])["fixed"] = rng.choice(["yes", "true", 1, 0, None, [], 0.5])
+    else:
+        scene["bodies"][0]["fixed"] = scene["bodies"][1]["fixed"] = True
+
+
 def break_path(scene: dict, rng: random.Random) -> None:
     """Of a push along a path: one of its way-points or times, or what does not go with them."""
     push = scene["pushes"][1]
@@ -175,8 +183,8 @@ def replace_the_whole(scene: dict, rng: random.Random) -> str:
 
 MUTATIONS: list[Mutation] = [
     set_size, set_height, set_mass, set_pose, overlap, duplicate, rename, break_joint, close_a_cycle, break_group,
-    break_push, break_path, push_from_inside_a_body, break_tool, break_table, drop_a_field, add_a_field,
-    change_the_version, truncate, garble, replace_the_whole,
+    break_push, break_path, break_fixed, push_from_inside_a_body, break_tool, break_table, drop_a_field,
+    add_a_field, change_the_version, truncate, garble, replace_the_whole,
 ]  # fmt: skip
 
 
@@ -195,7 +203,7 @@ def test_the_scene_that_is_mutated_is_valid(tmp_path: Path) -> None:
     assert exit_.value.code == 0
 
 
-@pytest.mark.parametrize("seed", range(231))
+@pytest.mark.parametrize("seed", range(242))
 def test_a_malformed_scene_gets_our_error_and_a_non_zero_exit(seed: int, tmp_path: Path, capsys) -> None:
     path = tmp_path / "scene.json"
     path.write_text(malformed(seed))

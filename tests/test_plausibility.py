@@ -170,3 +170,21 @@ def test_predictions_hold_fixed_bodies_and_say_that_the_tool_crushes_what_is_bet
 def test_the_public_names_are_the_functions() -> None:
     assert pg.remarks is remarks
     assert pg.assumptions is assumptions
+
+
+def test_a_watched_scene_joins_no_two_fixed_bodies() -> None:
+    bodies = (cube("a", 0), cube("wall", 0.3, fixed=True), cube("post", 0.39, fixed=True))
+    scene = lane(*bodies, push=Push(start=(-0.2, 0), end=(-0.1, 0)))
+    regulator = pg.BeliefRegulator(scene)
+    for poses in pg.load().predict(scene).poses[:3]:
+        regulator.observe(poses)
+    believed = regulator.scene()
+    assert not any({joint.parent, joint.child} == {"wall", "post"} for joint in believed.joints)
+    np.testing.assert_allclose(believed.poses_world_from_body, scene.poses_world_from_body, atol=1e-9)
+
+
+def test_a_picture_is_drawn_of_a_push_along_a_path(tmp_path) -> None:
+    push = Push(start=(-0.2, 0), path=[(0, 0.1), (0.1, 0.1, 0.3)], times=(1, 1.2))
+    scene = Scene(bodies=(cube("a", 0.3),), pushes=(push, push.replace(times=None, path=[(-0.2, 0)])))
+    pg.save_picture(simulate(scene), tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000

@@ -144,9 +144,12 @@ class BeliefRegulator:
         names = self.original.names
         kinds = {code: kind for kind, code in JOINT_CODES.items()}
         room = self._scenes.mass.shape[1]
+        still = self.original.immovable
         joints = []
         for pair in relations.kind[0].nonzero().squeeze(-1).tolist():
             a, b = pairs_of(room)[:, pair].tolist()
+            if still[a] and still[b]:  # nothing shows whether they are joined, and a scene refuses that they are
+                continue
             kind = kinds[int(relations.kind[0, pair])]
             anchor_a, anchor_b, axis_a, limits = (
                 values[0, pair].double().numpy()
@@ -178,7 +181,7 @@ def room_left(limits: Sequence[float], used: float) -> tuple[float, float]:
 
 def _parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarray, "bodies 3"]:
     """Poses at which no two bodies overlap by more than a scene allows: each of such a pair gives way by half."""
-    poses, apart = poses.copy(), scene.pairs_apart
+    poses, apart = poses.copy(), scene.pairs_that_collide
     if not apart:
         return poses
     boxes = rounded_boxes([body.shape for body in scene.bodies])

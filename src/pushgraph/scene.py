@@ -154,15 +154,14 @@ class Scene(Record):
                 raise ValueError(f"unknown_pairs[{index}]: {list(names_of_pair)} is one body, or known to be joined")
 
     def _check_places(self) -> None:
-        still = self.immovable
         on_table = self.table.holds(self.poses_world_from_body[:, :2])
-        for body, valid in zip(self.bodies, on_table | still, strict=True):
+        for body, valid in zip(self.bodies, on_table | self.immovable, strict=True):
             if not valid:
                 x, y = self.table.size
                 raise ValueError(
                     f"body {body.name!r}: pose_world_from_body: the centre stands off the table of {x:g} x {y:g} m"
                 )
-        apart = [(i, j) for i, j in self.pairs_apart if not (still[i] and still[j])]
+        apart = self.pairs_that_collide
         if apart:
             gaps = self.contacts(apart).gap.numpy()
             if gaps.min() < -OVERLAP:
@@ -219,6 +218,12 @@ class Scene(Record):
         piece = {name: index for index, group in enumerate(self.rigid_groups) for name in group}
         pieces = [piece.get(body.name, -1 - k) for k, body in enumerate(self.bodies)]
         return [(i, j) for i, j in combinations(range(len(pieces)), 2) if pieces[i] != pieces[j]]
+
+    @property
+    def pairs_that_collide(self) -> list[tuple[int, int]]:
+        """Those of `pairs_apart` of which one can move: they may not overlap."""
+        still = self.immovable
+        return [(i, j) for i, j in self.pairs_apart if not (still[i] and still[j])]
 
     def contacts(self, pairs: Sequence[tuple[int, int]]) -> Contact:
         """Contact of each pair of bodies (indices), in the frame of the first (float64)."""

@@ -59,8 +59,11 @@ def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> Non
 
 def _draw_pushes(axes: Axes, track: Track) -> None:
     for number, push in enumerate(track.scene.pushes, start=1):
-        start, end = np.array(push.start), np.array(push.start) + push.displacement
-        axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": TOOL_COLOUR, "lw": 1.5}, zorder=6)
+        points = push.waypoints[:, :2]
+        start = points[0]
+        axes.plot(*points[:-1].T, color=TOOL_COLOUR, lw=1.5, zorder=6)
+        arrow = {"arrowstyle": "-|>", "color": TOOL_COLOUR, "lw": 1.5}
+        axes.annotate("", points[-1], points[-2], arrowprops=arrow, zorder=6)
         axes.text(*start, f" {number}", color="white", fontsize=8, weight="bold", ha="center", va="center", zorder=7)
         axes.plot(*start, "o", ms=10, color=TOOL_COLOUR, zorder=6)
 
