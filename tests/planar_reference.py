@@ -7,28 +7,30 @@ with shares w_i (of m g) at points r_i. A step of length dt solves, implicitly i
     0 <= lambda_n, gap / dt + n.(v_c - v_tool) >= 0, one of them zero           (Signorini, no restitution)
     |lambda_t| <= mu_side lambda_n, against the slip if it slips                (Coulomb, without dilation)
 
-with M = m diag(1, 1, rho^2). All is divided by m, which cancels. The sum of norms is minimised by iteratively reweighted
-least squares: |s| <= s^2 / (2 s_k) + s_k / 2, equal where s = s_k, the slip of the iterate before. Then contacts see a
-3 x 3 system, and block Gauss-Seidel solves one contact after the other exactly. Many pushes are stepped side by side.
+with M = m diag(1, 1, rho^2). All is divided by m, which cancels. The sum of norms is minimised by iteratively
+reweighted least squares: |s| <= s^2 / (2 s_k) + s_k / 2, equal where s = s_k, the slip of the iterate before. Then
+contacts see a 3 x 3 system, and block Gauss-Seidel solves one contact after the other exactly. Many pushes are stepped
+side by side.
 """
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
 from pushgraph.contact import RoundedBox, contact_between
 from pushgraph.scene import Scene
-from pushgraph.shape import Cylinder, rounded_boxes
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.track import FRAME
 
 GRAVITY = 9.81
-STEP = 1e-4
+STEP = 2e-4
 """How far the tool moves at most in a step (m)."""
 SAMPLES = 500
 """Points at which a piece presses on the table, about."""
@@ -38,7 +40,7 @@ NEAR = 1e-3
 """Contacts that are farther than this (m) are left out of a step."""
 RECOVERED = 0.2
 """Share of an overlap that a step takes back."""
-TOLERANCE = 1e-5
+TOLERANCE = 1e-4
 """Change of the twist between iterations, as a share of the push's speed, at which a step is done."""
 ITERATIONS, SWEEPS = 30, 30
 """At most so many reweightings in a step, and sweeps over the contacts in each."""
@@ -106,7 +108,7 @@ def reference_ends(
     start = piece.copy()
     twist = np.zeros((len(scenes), 3)) if twists is None else np.array(twists, dtype=float)
     impulses = np.zeros((len(scenes), sides.count, 2))
-    for now, after in zip(tool[:-1], tool[1:], strict=True):
+    for now, after in pairwise(tool):
         touching = sides.touching(piece, now, after, dt)
         in_piece = np.concatenate((pose.rotate(twist[:, :2], -piece[:, 2]), twist[:, 2:]), -1)
         in_piece, impulses = _step(in_piece, table, touching, impulses, dt, TOLERANCE * speeds)
@@ -134,12 +136,15 @@ class _TableFriction:
             self._moments[k, :count] = np.stack((np.ones(count), x, y, x**2 + y**2), -1)
             self._deceleration[k, :count] = friction * GRAVITY * piece.weights / piece.weights.sum()
 
-    def resistance(self, twist: Float[np.ndarray, "scenes 3"]) -> Float[np.ndarray, "scenes 3 3"]:
-        """Matrix D of the friction -D u that is exact at this twist (1/s)."""
+    def resistance(
+        self, twist: Float[np.ndarray, "chosen 3"], chosen: Int[np.ndarray, " chosen"]
+    ) -> Float[np.ndarray, "chosen 3 3"]:
+        """Matrix D of the friction -D u that is exact at this twist (1/s); of the chosen pieces."""
+        moments, rest = self._moments[chosen], self._rest[chosen]
         vx, vy, omega = twist.T
-        terms = np.stack((vx**2 + vy**2 + self._rest**2, 2 * omega * vy, -2 * omega * vx, omega**2), -1)
-        slip = np.sqrt((self._moments @ terms[..., None])[..., 0].clip(min=self._rest[:, None] ** 2))
-        one, x, y, squared = np.moveaxis(((self._deceleration / slip)[:, None] @ self._moments)[:, 0], -1, 0)
+        terms = np.stack((vx**2 + vy**2 + rest**2, 2 * omega * vy, -2 * omega * vx, omega**2), -1)
+        slip = np.sqrt((moments @ terms[..., None])[..., 0].clip(min=rest[:, None] ** 2))
+        one, x, y, squared = np.moveaxis(((self._deceleration[chosen] / slip)[:, None] @ moments)[:, 0], -1, 0)
         zero = np.zeros_like(one)
         return np.moveaxis(np.array([[one, zero, -y], [zero, one, x], [-y, x, squared]]), -1, 0)
 
@@ -155,6 +160,10 @@ class _Touching(NamedTuple):
     rows: Float[np.ndarray, "scenes contacts 2 3"]
     target: Float[np.ndarray, "scenes contacts 2"]
     friction: Float[np.ndarray, " scenes"]
+
+    def of(self, chosen: Int[np.ndarray, " chosen"]) -> "_Touching":
+        """The contacts of some scenes."""
+        return _Touching(*(field[chosen] for field in self))
 
 
 class _Sides:
@@ -219,18 +228,21 @@ def _step(
     tolerance: Float[np.ndarray, " scenes"],
 ) -> tuple[Float[np.ndarray, "scenes 3"], Float[np.ndarray, "scenes contacts 2"]]:
     """Twists after a step, and the impulses at the contacts, per kilogram; from those of the step before."""
-    ones = np.ones_like(dt)
-    inertia = np.stack((ones, ones, table.squared_gyration), -1)
-    size = np.sqrt(inertia)
+    inertia = np.stack((np.ones_like(dt), np.ones_like(dt), table.squared_gyration), -1)
     impulses = np.where(touching.near[..., None], impulses, 0.0)
-    twist = before
+    twist = before.copy()
+    moving = np.arange(len(dt))
     for _ in range(ITERATIONS):
-        last = twist
-        system = inertia[:, None] * np.eye(3) + dt[:, None, None] * table.resistance(twist)
+        last = twist[moving]
+        system = inertia[moving, None] * np.eye(3) + dt[moving, None, None] * table.resistance(last, moving)
         inverse = np.linalg.inv(system)
-        free = (inverse @ (inertia * before)[..., None])[..., 0]
-        twist, impulses = _solve_contacts(free, inverse, touching, impulses, tolerance / 10)
-        if (np.abs(twist - last) * size < tolerance[:, None]).all():
+        free = (inverse @ (inertia * before)[moving, :, None])[..., 0]
+        twist[moving], impulses[moving] = _solve_contacts(
+            free, inverse, touching.of(moving), impulses[moving], tolerance[moving] / 10
+        )
+        change = np.abs(twist[moving] - last) * np.sqrt(inertia[moving])
+        moving = moving[(change > tolerance[moving, None]).any(-1)]
+        if not len(moving):
             break
     return twist, impulses
 
@@ -274,9 +286,9 @@ def _coulomb(
     velocity: Float[np.ndarray, "scenes 2"],
     friction: Float[np.ndarray, " scenes"],
 ) -> Float[np.ndarray, "scenes 2"]:
-    """Impulse (normal, tangent) of a lone contact that would have this relative velocity without it: open, stick or slip.
+    """Impulse (normal, tangent) of a lone contact, open, sticking or slipping, which without it would have this velocity.
 
-    The contact's velocity is `velocity + delassus @ impulse`.
+    With it, the contact's velocity relative to the tool is `velocity + delassus @ impulse`.
     """
     nn, nt, tt = delassus[:, 0, 0], delassus[:, 0, 1], delassus[:, 1, 1]
     normal, tangent = velocity.T
@@ -300,7 +312,7 @@ def _gauss(half_length: float, spacing: float) -> np.ndarray:
     return half_length * np.sort(np.concatenate((middles - offset, middles + offset)))
 
 
-def _rectangle(shape: object, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def _rectangle(shape: Cuboid, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     half_x, half_y, _ = shape.core
     x, y = np.meshgrid(_gauss(half_x, spacing), _gauss(half_y, spacing))
     return np.stack((x.ravel(), y.ravel()), -1), np.ones(x.size)
@@ -317,7 +329,7 @@ def _disc(shape: Cylinder, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     return points.reshape(-1, 2), np.repeat(weights, around)
 
 
-def _covers(shape: object, pose_world_from_body: np.ndarray, points_world: np.ndarray) -> np.ndarray:
+def _covers(shape: Cuboid | Cylinder, pose_world_from_body: np.ndarray, points_world: np.ndarray) -> np.ndarray:
     half_x, half_y, radius = shape.core
     x, y = pose.transform(pose.inverse(pose_world_from_body), points_world).T
     return np.hypot(x, y) <= radius if radius else (np.abs(x) <= half_x) & (np.abs(y) <= half_y)
