@@ -120,6 +120,13 @@ def reference_ends(
     ]
 
 
+def piece_pose(scene: Scene, poses_world_from_body: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarray, "3"]:
+    """Centre of mass of the scene's piece and its yaw since the scene's poses, where its bodies are at these poses."""
+    first, now = scene.poses_world_from_body[0], poses_world_from_body[0]
+    centre = pose.transform(now, pose.transform(pose.inverse(first), pressure(scene).centre))
+    return np.array([*centre, now[2] - first[2]])
+
+
 class _TableFriction:
     """Friction of pieces with the table, in their own frames, per kilogram."""
 
@@ -286,7 +293,7 @@ def _coulomb(
     velocity: Float[np.ndarray, "scenes 2"],
     friction: Float[np.ndarray, " scenes"],
 ) -> Float[np.ndarray, "scenes 2"]:
-    """Impulse (normal, tangent) of a lone contact, open, sticking or slipping, which without it would have this velocity.
+    """Impulse (normal, tangent) of a lone contact that has this velocity without it; it opens, sticks or slips.
 
     With it, the contact's velocity relative to the tool is `velocity + delassus @ impulse`.
     """
