@@ -24,6 +24,8 @@ class Body(Record):
     """kg; None: unknown."""
     yaw_known: bool = True
     """False where the robot cannot see how the body is turned, as with a plain cylinder."""
+    support: Annotated[tuple[Point, ...], Field(min_length=3, max_length=64)] | None = None
+    """Points in its own frame on which it stands, such as its feet; None: on all of its outline."""
 
     @field_validator("name")
     @classmethod
