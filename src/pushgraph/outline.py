@@ -8,7 +8,8 @@ Contact is computed between rectangles and discs (`pushgraph.contact`), so an ou
 2. Goals. A sample of the boundary is covered by a face or a disc that runs along it, with a normal within 3 degrees,
    and that is 5 mm deep there, or half as deep as any candidate. Samples a little inside only have to be covered.
 3. Choice. First the largest rectangles and discs, while each adds much of the area. Then greedily what covers most of
-   the boundary, until all is covered; then what has become superfluous is dropped. In an acute corner this makes a staircase of rectangles along either edge, each half as deep as the one before.
+   the boundary, until all is covered; then what has become superfluous is dropped. In an acute corner this makes a
+   staircase of rectangles along either edge, each half as deep as the one before.
 4. Tips. What is too sharp or too thin for a rectangle of 1 mm is covered with parts of 1 mm that may stick out.
 """
 
@@ -61,7 +62,7 @@ class _Parts(NamedTuple):
     half: Float[np.ndarray, "parts 2"]
     radius: Float[np.ndarray, " parts"]
 
-    def take(self, index: np.ndarray | list[int]) -> "_Parts":
+    def take(self, index: np.ndarray | list[int] | slice) -> "_Parts":
         return _Parts(*(values[index] for values in self))
 
     def local(self, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "parts points 2"]:
@@ -74,6 +75,14 @@ class _Parts(NamedTuple):
         """Signed distance of each point from each part, negative inside."""
         beyond = np.abs(self.local(points)) - self.half[:, None]
         return np.hypot(*np.moveaxis(beyond.clip(min=0), -1, 0)) + beyond.max(-1).clip(max=0) - self.radius[:, None]
+
+    def contain(self, points: Float[np.ndarray, "points 2"]) -> Bool[np.ndarray, "parts points"]:
+        """Whether each point lies inside each part."""
+        return np.concatenate([self.take(some).gap(points) <= 1e-6 for some in self.slices()])
+
+    def slices(self) -> list[slice]:
+        """So few parts at a time that what is computed for them stays in the cache."""
+        return [slice(start, start + 64) for start in range(0, max(len(self.yaw), 1), 64)]
 
     @property
     def area(self) -> Float[np.ndarray, " parts"]:
@@ -154,8 +163,7 @@ def cut(points: tuple[tuple[float, float], ...]) -> tuple[Cut, ...]:
     parts = _join(rectangles, discs)
     deepest = np.where(covers, depth, 0).max(0, initial=0)
     covers &= depth >= np.minimum(DEPTH, deepest / 2) - 1e-9
-    near = parts.gap(_inner_points(ring, samples)) <= 1e-6
-    inside = parts.gap(_grid(ring)) <= 1e-6
+    near, inside = parts.contain(_inner_points(ring, samples)), parts.contain(_grid(ring))
     boundary = np.concatenate((samples.weight, np.full(near.shape[1], 0.2 * samples.weight.mean())))
     chosen = _fill(inside)
     inside &= inside[chosen].any(0)
@@ -252,7 +260,7 @@ def _facets(ring: _Ring, edges: Int[np.ndarray, " edges"]) -> list[_Facet]:
     wanted[edges] = True
     starts = np.concatenate(([0], np.cumsum(ring.length)))[:-1]
     headings = _heading(ring, starts + ring.length / 2)
-    facets = [_Facet(ring.vertex[k], ring.along[k], ring.length[k], 0.0) for k in np.flatnonzero(wanted)]
+    facets, within = [], np.zeros(n, bool)
     last_end = -1
     for k in range(n):
         run, longest = None, 1
@@ -266,8 +274,11 @@ def _facets(ring: _Ring, edges: Int[np.ndarray, " edges"]) -> list[_Facet]:
             run, longest = longer, count
         if run is not None and k + longest > last_end and wanted[np.arange(k, k + longest) % n].any():
             facets.append(run)
+            within[np.arange(k, k + longest) % n] = True
         last_end = max(last_end, k + longest)
-    return facets
+    # A short edge within a run needs no face of its own.
+    single = np.flatnonzero(wanted & ~(within & (ring.length < DEPTH)))
+    return facets + [_Facet(ring.vertex[k], ring.along[k], ring.length[k], 0.0) for k in single]
 
 
 def _fit(points: Float[np.ndarray, "n 2"], headings: Float[np.ndarray, "m 2"]) -> _Facet | None:
@@ -376,6 +387,11 @@ def _discs(ring: _Ring, samples: _Samples) -> _Parts:
 
 def _covered_by_rectangles(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.ndarray]:
     """Which rectangle runs along the outline at which sample, and how deep (m) it is there."""
+    some = [_covered_by_some(parts.take(index), samples) for index in parts.slices()]
+    return tuple(np.concatenate(both) for both in zip(*some, strict=True))
+
+
+def _covered_by_some(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.ndarray]:
     local = parts.local(samples.point)
     beyond = np.abs(local) - parts.half[:, None]
     tolerance = np.where(samples.curved, 1.5 * FLAT, 2 * PROTRUSION)
@@ -405,7 +421,7 @@ def _covered_by_discs(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.
 
 def _inner_points(ring: _Ring, samples: _Samples) -> Float[np.ndarray, "points 2"]:
     """Points a little inside the outline, and around its reflex corners."""
-    points = [samples.point + samples.normal * depth for depth in (0.7e-3, 2.5e-3)]
+    points = [samples.point[k::2] + samples.normal[k::2] * depth for k, depth in enumerate((0.7e-3, 2.5e-3))]
     for k in np.flatnonzero(ring.turn < -math.radians(5)):
         fan = np.linspace(0, 1, 5) * ring.turn[k]
         heading = math.atan2(*_left(ring.along[k - 1])[::-1])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
 from pushgraph.body import Body
@@ -25,9 +25,11 @@ from pushgraph.shape import Cuboid, Cylinder, Polygon, Pose, rounded_boxes, take
 POINTS_OF_BODY = 256
 POINTS_OF_PIECE = 1500
 """So many points stand for a body, and at most about so many for a piece."""
+POINTS_OF_UNION = 600
+"""Where bodies of a piece overlap, about so many points stand for their union."""
 TOUCH = 1e-6
 """Bodies that overlap less deeply (m) only touch."""
-SIDES = 64
+SIDES = 48
 """Where a cylinder overlaps another body, it is a polygon of so many sides and of the same area."""
 
 
@@ -129,13 +131,13 @@ def _shares(placed: tuple[tuple[Cuboid | Cylinder | Polygon, Pose], ...]) -> tup
         if len(members) == 1:
             shape, pose_piece_from_body = placed[members[0]]
             own = _rule_of(shape, count)
-            found = [(_Rule(pose.transform(np.array(pose_piece_from_body), own.points), own.areas), members)]
+            rule = _Rule(pose.transform(np.array(pose_piece_from_body), own.points), own.areas)
+            cover = np.zeros((len(own.areas), len(placed)), bool)
+            cover[:, members] = True
         else:
-            found = _faces(placed, members, count)
-        for rule, covering in found:
-            rules.append(rule)
-            covers.append(np.zeros((len(rule.areas), len(placed)), bool))
-            covers[-1][:, covering] = True
+            rule, cover = _faces(placed, members, count)
+        rules.append(rule)
+        covers.append(cover)
     rule = _Rule(*(np.concatenate(columns) for columns in zip(*rules, strict=True)))
     cover = np.concatenate(covers)
     share = cover * (rule.areas / cover.sum(1))[:, None]
@@ -166,7 +168,7 @@ def _overlapping(placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]]) -> 
 def _rule_of(shape: Cuboid | Cylinder | Polygon, count: int) -> _Rule:
     """Points of one shape, in its own frame: exact for its area, centre and second moments."""
     if isinstance(shape, Polygon):
-        return _rule_of_area(shapely.Polygon(shape.points), count)
+        return _rule_of_areas([shapely.Polygon(shape.points)], np.zeros(1, int), count)[0]
     side = max(2, round(math.sqrt(count)))
     if isinstance(shape, Cuboid):
         nodes, weights = np.polynomial.legendre.leggauss(side)
@@ -183,63 +185,92 @@ def _rule_of(shape: Cuboid | Cylinder | Polygon, count: int) -> _Rule:
     return _Rule(np.stack((x.ravel(), y.ravel()), -1), areas.ravel())
 
 
-def _rule_of_area(area: shapely.Polygon, count: int) -> _Rule:
-    """Points of any area: centroids of what lies in the squares of a grid, then stretched about the common centre so
-    that the second moments are those of the area."""
-    triangles = np.array([t.exterior.coords for t in shapely.constrained_delaunay_triangles(area).geoms])[:, :3]
-    edges = triangles[:, 1:] - triangles[:, :1]
-    sizes = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
-    total = sizes.sum()
-    mean = triangles.mean(1)
-    centre = sizes @ mean / total
+def _rule_of_areas(
+    areas: Sequence[shapely.Polygon], kinds: Int[np.ndarray, " areas"], count: int
+) -> tuple[_Rule, Int[np.ndarray, " n"]]:
+    """Points of areas, some `count` in all, and the kind of each: centroids of what lies in the squares of a grid, for
+    each kind stretched about its centre so that its second moments are exact."""
+    found, area = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(areas)), return_index=True)
+    triangles = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
+    kind = kinds[area]
+    sizes = _area(triangles)
+    total = np.bincount(kind, sizes)
+    centre = _sums(kind, sizes[:, None] * triangles.mean(1)) / total[:, None]
     # The mean of p p^T over a triangle is (sum of the corners' products + 9 times that of the centroid) / 12.
-    away, corners = mean - centre, triangles - centre
-    exact = np.einsum("t,tki,tkj->ij", sizes, corners, corners) / 12 + 9 / 12 * (away * sizes[:, None]).T @ away
+    corners = triangles - centre[kind, None]
+    middle = corners.mean(1)
+    products = (sum(map(_squares, corners.swapaxes(0, 1))) + 9 * _squares(middle)) / 12
+    exact = _sums(kind, sizes[:, None, None] * products)
 
-    cell = math.sqrt(total / count)
-    while True:
-        large = sizes > cell**2 / 4
-        if not large.any():
-            break
-        a, b, c = triangles[large].swapaxes(0, 1)
-        longest = np.stack((np.hypot(*(b - a).T), np.hypot(*(c - b).T), np.hypot(*(a - c).T))).argmax(0)[:, None]
+    cell = math.sqrt(total.sum() / count)
+    triangles, kind = _subdivided(triangles, kind, cell)
+    sizes, middle = _area(triangles), triangles.mean(1)
+    square = np.floor((middle - centre[kind]) / cell + 0.5).astype(np.int64)
+    _, first, index = np.unique(
+        (kind * 100_003 + square[:, 0]) * 100_003 + square[:, 1], return_index=True, return_inverse=True
+    )
+    kind, size = kind[first], np.bincount(index, sizes)
+    away = _sums(index, sizes[:, None] * middle) / size[:, None] - centre[kind]
+    gathered = _sums(kind, size[:, None, None] * _squares(away))
+    # Too few points to say how wide an area is: left as they are.
+    narrow = np.linalg.eigvalsh(gathered)[:, 0] <= 1e-3 * np.linalg.eigvalsh(exact)[:, 0]
+    exact, gathered = (np.where(narrow[:, None, None], np.eye(2), moments) for moments in (exact, gathered))
+    stretch = np.linalg.cholesky(exact) @ np.linalg.inv(np.linalg.cholesky(gathered))
+    return _Rule(centre[kind] + (stretch[kind] @ away[..., None])[..., 0], size), kind
+
+
+def _subdivided(
+    triangles: Float[np.ndarray, "n 3 2"], kind: Int[np.ndarray, " n"], cell: float
+) -> tuple[Float[np.ndarray, "m 3 2"], Int[np.ndarray, " m"]]:
+    """Triangles halved across their longest sides, until none is longer than `cell`."""
+    done = []
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    while len(kind):
+        squared = np.stack([((q - p) ** 2) @ np.ones(2) for p, q in ((a, b), (b, c), (c, a))])
+        small = squared.max(0) <= cell**2
+        done.append((np.stack((a[small], b[small], c[small]), 1), kind[small]))
+        a, b, c, longest, kind = a[~small], b[~small], c[~small], squared.argmax(0)[~small, None], kind[~small]
         a, b, c = (np.choose(longest, corner) for corner in ((a, b, c), (b, c, a), (c, a, b)))
-        middle = (a + b) / 2  # of the longest side
-        triangles = np.concatenate((triangles[~large], np.stack((a, middle, c), 1), np.stack((middle, b, c), 1)))
-        sizes = np.concatenate((sizes[~large], np.tile(sizes[large] / 2, 2)))
-    mean = triangles.mean(1)
-    square = np.floor((mean - centre) / cell + 0.5).astype(np.int64)
-    _, index = np.unique(square[:, 0] * 1_000_003 + square[:, 1], return_inverse=True)
-    areas = np.bincount(index, sizes)
-    points = np.stack([np.bincount(index, sizes * mean[:, axis]) / areas for axis in (0, 1)], -1)
-    away = points - centre
-    found = (away * areas[:, None]).T @ away
-    if len(points) >= 3 and np.linalg.eigvalsh(found)[0] > 1e-3 * np.linalg.eigvalsh(exact)[0]:
-        points = centre + away @ np.linalg.solve(np.linalg.cholesky(found).T, np.linalg.cholesky(exact).T)
-    return _Rule(points, areas)
+        middle = (a + b) / 2
+        a, b, c = np.concatenate((a, middle)), np.concatenate((middle, b)), np.concatenate((c, c))
+        kind = np.concatenate((kind, kind))
+    return tuple(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+def _squares(vectors: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:
+    return vectors[:, :, None] * vectors[:, None, :]
+
+
+def _area(triangles: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, " n"]:
+    (x, y), (u, v) = (triangles[:, 1] - triangles[:, 0]).T, (triangles[:, 2] - triangles[:, 0]).T
+    return np.abs(x * v - y * u) / 2
+
+
+def _sums(index: Int[np.ndarray, " n"], values: Float[np.ndarray, "n *rest"]) -> Float[np.ndarray, "groups *rest"]:
+    """Sums of the rows that have the same index."""
+    columns = [np.bincount(index, column) for column in values.reshape(len(values), -1).T]
+    return np.stack(columns, -1).reshape(-1, *values.shape[1:])
 
 
 def _faces(
     placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]], members: list[int], count: int
-) -> list[tuple[_Rule, list[int]]]:
-    """The faces into which the outlines of overlapping shapes cut their union, each with the shapes that cover it."""
+) -> tuple[_Rule, Bool[np.ndarray, "n shapes"]]:
+    """Points of the union of overlapping shapes, and which shapes cover each.
+
+    Their outlines cut the union into faces; a point stands for faces that the same shapes cover.
+    """
     outlines = [shapely.Polygon(_outline(*placed[k])) for k in members]
     lines = shapely.union_all([one.exterior for one in outlines], grid_size=1e-8)
     faces = shapely.get_parts(shapely.polygonize([lines]))
     inside = shapely.point_on_surface(faces)
     shapely.prepare(outlines)
     covers = shapely.contains(np.array(outlines)[:, None], inside)
-    covering: dict[tuple[int, ...], list[shapely.Polygon]] = {}
-    for face, cover in zip(faces, covers.T, strict=True):
-        key = tuple(np.array(members)[cover].tolist())
-        if key and face.area > 1e-12:
-            covering.setdefault(key, []).append(face)
-    total = sum(face.area for group in covering.values() for face in group)
-    found = []
-    for key, group in covering.items():
-        area = shapely.MultiPolygon(group)
-        found.append((_rule_of_area(area, max(16, round(count * len(members) * area.area / total))), list(key)))
-    return found
+    kept = covers.any(0) & (shapely.area(faces) > 1e-12)
+    covers, kinds = np.unique(covers[:, kept], axis=1, return_inverse=True)
+    rule, kind = _rule_of_areas(faces[kept], kinds, min(count * len(members), POINTS_OF_UNION))
+    cover = np.zeros((len(kind), len(placed)), bool)
+    cover[:, members] = covers[:, kind].T
+    return rule, cover
 
 
 def _outline(shape: Cuboid | Cylinder | Polygon, pose_piece_from_body: Pose) -> Float[np.ndarray, "n 2"]:
@@ -250,6 +281,8 @@ def _outline(shape: Cuboid | Cylinder | Polygon, pose_piece_from_body: Pose) -> 
     else:
         angle = 2 * np.pi * np.arange(SIDES) / SIDES
         equal_area = math.sqrt(np.pi / (SIDES / 2 * math.sin(2 * np.pi / SIDES)))
+        # Unturned, so that cylinders in one place are the same polygon.
+        angle = angle - pose_piece_from_body[2]
         points = shape.diameter / 2 * equal_area * np.stack((np.cos(angle), np.sin(angle)), -1)
     return pose.transform(np.array(pose_piece_from_body), points)
 
