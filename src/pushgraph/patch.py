@@ -20,7 +20,7 @@ from pushgraph import pose
 from pushgraph.body import Body
 from pushgraph.contact import signed_gap
 from pushgraph.errors import SceneError
-from pushgraph.shape import Cuboid, Cylinder, Polygon, Pose, rounded_boxes, take
+from pushgraph.shape import Cuboid, Cylinder, PlacedShape, Polygon, Pose, rounded_boxes, take
 
 POINTS_OF_BODY = 256
 POINTS_OF_PIECE = 1500
@@ -125,6 +125,15 @@ def _spread_of(bodies: Sequence[Body]) -> _Spread:
 @functools.lru_cache(maxsize=256)
 def _shares(placed: tuple[tuple[Cuboid | Cylinder | Polygon, Pose], ...]) -> tuple[_Rule, np.ndarray]:
     """Points of the union of shapes, and how each shape's unit mass is spread over them, one column a shape."""
+    rule, cover = _covered(placed)
+    share = cover * (rule.areas / cover.sum(1))[:, None]
+    return rule, share / share.sum(0)
+
+
+def _covered(
+    placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]],
+) -> tuple[_Rule, Bool[np.ndarray, "n shapes"]]:
+    """Points of the union of shapes, and which shapes cover each."""
     count = max(4, min(POINTS_OF_BODY, POINTS_OF_PIECE // len(placed)))
     rules, covers = [], []
     for members in _overlapping(placed):
@@ -139,9 +148,15 @@ def _shares(placed: tuple[tuple[Cuboid | Cylinder | Polygon, Pose], ...]) -> tup
         rules.append(rule)
         covers.append(cover)
     rule = _Rule(*(np.concatenate(columns) for columns in zip(*rules, strict=True)))
-    cover = np.concatenate(covers)
-    share = cover * (rule.areas / cover.sum(1))[:, None]
-    return rule, share / share.sum(0)
+    return rule, np.concatenate(covers)
+
+
+@functools.lru_cache(maxsize=1024)
+def area_shares(parts: tuple[PlacedShape, ...]) -> Float[np.ndarray, " parts"]:
+    """The share of their union's area that each of some parts has; a point that k of them cover counts as 1 / k."""
+    rule, cover = _covered(parts)
+    shares = (cover * (rule.areas / cover.sum(1))[:, None]).sum(0)
+    return shares / shares.sum()
 
 
 def _overlapping(placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]]) -> list[list[int]]:
@@ -267,7 +282,7 @@ def _faces(
     covers = shapely.contains(np.array(outlines)[:, None], inside)
     kept = covers.any(0) & (shapely.area(faces) > 1e-12)
     covers, kinds = np.unique(covers[:, kept], axis=1, return_inverse=True)
-    rule, kind = _rule_of_areas(faces[kept], kinds, min(count * len(members), POINTS_OF_UNION))
+    rule, kind = _rule_of_areas(faces[kept].tolist(), kinds, min(count * len(members), POINTS_OF_UNION))
     cover = np.zeros((len(kind), len(placed)), bool)
     cover[:, members] = covers[:, kind].T
     return rule, cover

@@ -32,6 +32,11 @@ class Cylinder(Record):
         return 0.0, 0.0, self.diameter / 2
 
     @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return math.hypot(*self.core[:2]) + self.core[2]
+
+    @property
     def parts(self) -> tuple["PlacedShape", ...]:
         """The rigid parts that it consists of: itself."""
         return (PlacedShape(self),)
@@ -48,6 +53,11 @@ class Cuboid(Record):
     def core(self) -> tuple[float, float, float]:
         """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
         return self.size[0] / 2, self.size[1] / 2, 0.0
+
+    @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return math.hypot(*self.core[:2]) + self.core[2]
 
     @property
     def parts(self) -> tuple["PlacedShape", ...]:
@@ -75,6 +85,11 @@ class Polygon(Record):
         return points
 
     @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return max(math.hypot(*point) for point in self.points)
+
+    @property
     def parts(self) -> tuple["PlacedShape", ...]:
         """Cuboids and cylinders that together touch as the outline touches, to within 0.5 mm; cut once, then kept."""
         return _parts_of(self.points, self.height)
@@ -100,7 +115,10 @@ def _parts_of(points: tuple[Point, ...], height: float) -> tuple[PlacedShape, ..
     )
 
 
-Shape = Annotated[Cylinder | Cuboid | Polygon, Field(discriminator="kind")]
+Shape = Annotated[Cylinder | Cuboid, Field(discriminator="kind")]
+"""What one part of a tool may be."""
+BodyShape = Annotated[Cylinder | Cuboid | Polygon, Field(discriminator="kind")]
+"""What a body may be."""
 
 
 def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:
