@@ -14,7 +14,9 @@ from typing import Any
 
 _MODULE_OF = {
     **dict.fromkeys(("RoundedBox", "Contact", "contact_between", "signed_gap"), "pushgraph.contact"),
-    **dict.fromkeys(("Cuboid", "Cylinder"), "pushgraph.shape"),
+    **dict.fromkeys(("Cuboid", "Cylinder", "PlacedShape", "Polygon"), "pushgraph.shape"),
+    "outline_from_svg": "pushgraph.svg",
+    **dict.fromkeys(("MassProperties", "Patch", "mass_properties", "patch_of"), "pushgraph.patch"),
     **dict.fromkeys(("Part", "Push", "Tool"), "pushgraph.tool"),
     **dict.fromkeys(("Body", "Joint"), "pushgraph.body"),
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),

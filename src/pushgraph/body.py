@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from pushgraph.record import Record
-from pushgraph.shape import Point, Pose, Shape
+from pushgraph.shape import BodyShape, Point, Pose
 
 ROBOT = "robot"
 """Name of the end-effector in tracks; no body may bear it."""
@@ -18,7 +18,7 @@ class Body(Record):
     """An object on the table."""
 
     name: Name
-    shape: Shape
+    shape: BodyShape
     pose_world_from_body: Pose
     mass: Annotated[float, Field(ge=0.001, le=1000)] | None = None
     """kg; None: unknown."""
@@ -26,6 +26,8 @@ class Body(Record):
     """False where the robot cannot see how the body is turned, as with a plain cylinder."""
     fixed: bool = False
     """True where nothing moves it: a wall, a fixture, the frame of a door."""
+    support: Annotated[tuple[Point, ...], Field(min_length=3, max_length=64)] | None = None
+    """Points in its own frame on which it stands, such as its feet; None: on all of its outline."""
 
     @field_validator("name")
     @classmethod

@@ -20,6 +20,7 @@ from pushgraph.graph.state import Control, State, controls, start
 from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
+from pushgraph.scene_parts import in_parts
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.storage import cache_folder, replacing
 from pushgraph.tool import Push
@@ -90,7 +91,11 @@ class PhysicsPredictor:
         return cls(network, checkpoint.record)
 
     def start(self, scenes: Sequence[Scene]) -> State:
-        """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned."""
+        """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned.
+
+        Polygons stand in it as the rigid groups of their parts: see `pushgraph.scene_parts`.
+        """
+        scenes = [in_parts(scene).scene for scene in scenes]
         batch = batch_scenes(scenes)
         poses = torch.zeros(*batch.mass.shape, 3, dtype=torch.float64)
         for k, scene in enumerate(scenes):
@@ -126,13 +131,16 @@ class PhysicsPredictor:
         longest = max(len(push) for _, push in plans)
         tool = np.stack([np.concatenate((poses, np.repeat(poses[-1:], longest - len(poses), 0))) for poses, _ in plans])
         down = np.stack([np.pad(push != LIFTED, (0, longest - len(push))) for _, push in plans])
+        taken_apart = [in_parts(scene) for scene in scenes]
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:
-            poses = self.rollout(self.start(scenes), torch.from_numpy(tool), torch.from_numpy(down))
+            poses = self.rollout(
+                self.start([apart.scene for apart in taken_apart]), torch.from_numpy(tool), torch.from_numpy(down)
+            )
         self._check_finite(poses, tool)
         tracks = []
         for k, (scene, (tool_poses, push)) in enumerate(zip(scenes, plans, strict=True)):
-            bodies = poses[k, : len(push), : len(scene.bodies)].numpy()
+            bodies = taken_apart[k].body_poses(poses[k, : len(push)].numpy())
             tracks.append(
                 Track(
                     scene=scene,

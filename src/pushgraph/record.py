@@ -61,7 +61,7 @@ def _explain_one(fault: ErrorDetails, root: str, data: Any) -> str:
         value = _child(value, key)
         if isinstance(key, int):
             path += f"[{key}]"
-        elif key not in ("cylinder", "cuboid"):  # the tag of a union is no field
+        elif key not in ("cylinder", "cuboid", "polygon"):  # the tag of a union is no field
             key = key if key.isidentifier() else repr(key)
             path += f".{key}" if path else key
         name = _child(value, "name")

@@ -18,7 +18,7 @@ from pushgraph.graph.believed import believe
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import OVERLAP, Scene
-from pushgraph.shape import rounded_boxes, take
+from pushgraph.shape import Polygon, rounded_boxes, take
 
 LONGEST_JUMP = 0.2
 """A node that moves farther than this in a frame (m) was mistaken for another, or times are wrong."""
@@ -39,6 +39,12 @@ class BeliefRegulator:
     """
 
     def __init__(self, scene: Scene, model: BeliefModel | str = "belief", given: bool = False) -> None:
+        polygons = [body.name for body in scene.bodies if isinstance(body.shape, Polygon)]
+        if polygons:
+            raise BeliefError(
+                f"body {polygons[0]!r}: a polygon; joints are learnt of cylinders and cuboids only, so give a rigid "
+                f"group of these instead"
+            )
         self.original = scene
         self.model = model if isinstance(model, BeliefModel) else BeliefModel.load(model)
         self.pairs: list[tuple[str, str]] = list(combinations(scene.names, 2))

@@ -18,8 +18,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from pushgraph import pose
 from pushgraph.body import Body, Joint, Name
-from pushgraph.contact import Contact, RoundedBox, contact_between, signed_gap
+from pushgraph.contact import Contact, RoundedBox, signed_gap
 from pushgraph.errors import SceneError
+from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.record import Record, explain
 from pushgraph.shape import Length, Point, Pose, rounded_boxes, take
 from pushgraph.tool import FASTEST, Push, Tool
@@ -227,26 +228,31 @@ class Scene(Record):
 
     def contacts(self, pairs: Sequence[tuple[int, int]]) -> Contact:
         """Contact of each pair of bodies (indices), in the frame of the first (float64)."""
-        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
-        boxes = rounded_boxes([body.shape for body in self.bodies])
-        poses = torch.from_numpy(self.poses_world_from_body)
-        return contact_between(take(boxes, first), take(boxes, second), pose.relative(poses[first], poses[second]))
+        parts = parts_of([body.shape for body in self.bodies])
+        return contacts_of_bodies(parts, self.poses_world_from_body, pairs).contact
 
     def pair_gaps(
         self, pairs: Sequence[tuple[int, int]], poses_world_from_body: Float[np.ndarray, "frames bodies 3"]
     ) -> Float[np.ndarray, "frames pairs"]:
         """Signed gap (m) of pairs of bodies (indices) as they move; infinite where their circles stand apart."""
-        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
-        boxes = rounded_boxes([body.shape for body in self.bodies])
-        poses = torch.from_numpy(poses_world_from_body)
-        circle = boxes.half_extents.norm(dim=-1) + boxes.radius
-        distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
-        frame, pair = torch.nonzero(distance < circle[first] + circle[second], as_tuple=True)
-        a, b = first[pair], second[pair]
-        gaps = torch.full(distance.shape, torch.inf, dtype=torch.float64)
-        between = pose.relative(poses[frame, a], poses[frame, b])
-        gaps[frame, pair] = signed_gap(take(boxes, a), take(boxes, b), between)
-        return gaps.numpy()
+        parts = parts_of([body.shape for body in self.bodies])
+        owned = [np.flatnonzero(parts.owner.numpy() == body) for body in range(len(self.bodies))]
+        of_pair, first, second = np.array(
+            [(k, m, n) for k, (a, b) in enumerate(pairs) for m in owned[a] for n in owned[b]]
+        ).T
+        poses = parts.poses(poses_world_from_body)
+        circle = (parts.boxes.half_extents.norm(dim=-1) + parts.boxes.radius).numpy()
+        distance = np.hypot(*np.moveaxis(poses[:, first, :2] - poses[:, second, :2], -1, 0))
+        frame, near = np.nonzero(distance < circle[first] + circle[second])
+        a, b = first[near], second[near]
+        gaps = signed_gap(
+            take(parts.boxes, torch.from_numpy(a)),
+            take(parts.boxes, torch.from_numpy(b)),
+            torch.from_numpy(pose.relative(poses[frame, a], poses[frame, b])),
+        )
+        least = np.full((len(poses), len(pairs)), np.inf)
+        np.minimum.at(least, (frame, of_pair[near]), gaps.numpy())
+        return least
 
     def tool_gaps(
         self,
@@ -256,16 +262,17 @@ class Scene(Record):
         """Signed gap (m) between the tool at each pose and each body, which may move from pose to pose."""
         poses_tool_from_part = np.array([part.pose_tool_from_part for part in self.tool.parts])
         poses_world_from_part = pose.compose(poses_world_from_tool[:, None], poses_tool_from_part)
+        bodies_in_parts = parts_of([body.shape for body in self.bodies])
+        bodies, poses_world_from_body = bodies_in_parts.boxes, bodies_in_parts.poses(poses_world_from_body)
         pose_body_from_part = pose.relative(poses_world_from_body[..., :, None, :], poses_world_from_part[:, None])
         shape = pose_body_from_part.shape[:-1]
-        bodies = rounded_boxes([body.shape for body in self.bodies])
         parts = rounded_boxes([part.shape for part in self.tool.parts])
         gaps = signed_gap(
             RoundedBox(bodies.half_extents[:, None].expand(*shape, 2), bodies.radius[:, None].expand(shape)),
             RoundedBox(parts.half_extents.expand(*shape, 2), parts.radius.expand(shape)),
             torch.from_numpy(pose_body_from_part),
         )
-        return gaps.amin(-1).numpy()
+        return bodies_in_parts.least(gaps.amin(-1).numpy())
 
     def joint_frame(self, joint: Joint) -> JointFrame:
         """Anchor, axis and limits of a joint, those left out drawn from the geometry; see `place_joint`."""

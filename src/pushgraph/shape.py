@@ -1,12 +1,14 @@
 """Shapes seen from above, and the units that every record is made of: metres and radians."""
 
+import functools
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import torch
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from pushgraph import outline
 from pushgraph.contact import RoundedBox
 from pushgraph.record import Record
 
@@ -29,6 +31,16 @@ class Cylinder(Record):
         """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
         return 0.0, 0.0, self.diameter / 2
 
+    @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return math.hypot(*self.core[:2]) + self.core[2]
+
+    @property
+    def parts(self) -> tuple["PlacedShape", ...]:
+        """The rigid parts that it consists of: itself."""
+        return (PlacedShape(self),)
+
 
 class Cuboid(Record):
     """An upright cuboid; `size` is its full extent along its own x and y."""
@@ -42,8 +54,71 @@ class Cuboid(Record):
         """Half extents and radius of the rounded box that this shape is, seen from above (m)."""
         return self.size[0] / 2, self.size[1] / 2, 0.0
 
+    @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return math.hypot(*self.core[:2]) + self.core[2]
+
+    @property
+    def parts(self) -> tuple["PlacedShape", ...]:
+        """The rigid parts that it consists of: itself."""
+        return (PlacedShape(self),)
+
+
+class Polygon(Record):
+    """An upright prism over any simple outline, convex or not, its points in either direction.
+
+    The body's frame is that of the points: its origin need not be the centroid.
+    """
+
+    kind: Literal["polygon"] = "polygon"
+    points: Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
+    """Corners of the outline in the body's frame, in order; the last is joined to the first."""
+    height: Length = 0.10
+
+    @field_validator("points")
+    @classmethod
+    def _simple(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
+        fault = outline.fault_of(points)
+        if fault:
+            raise ValueError(fault)
+        return points
+
+    @property
+    def reach(self) -> float:
+        """Distance from its origin to its farthest point (m)."""
+        return max(math.hypot(*point) for point in self.points)
+
+    @property
+    def parts(self) -> tuple["PlacedShape", ...]:
+        """Cuboids and cylinders that together touch as the outline touches, to within 0.5 mm; cut once, then kept."""
+        return _parts_of(self.points, self.height)
+
+
+class PlacedShape(NamedTuple):
+    """A part of a body."""
+
+    shape: Cylinder | Cuboid
+    pose_body_from_part: Pose = (0.0, 0.0, 0.0)
+
+
+@functools.lru_cache(maxsize=1024)
+def _parts_of(points: tuple[Point, ...], height: float) -> tuple[PlacedShape, ...]:
+    return tuple(
+        PlacedShape(
+            Cylinder(diameter=2 * piece.radius, height=height)
+            if piece.radius
+            else Cuboid(size=piece.lengths, height=height),
+            piece.pose_outline_from_cut,
+        )
+        for piece in outline.cut(points)
+    )
+
 
 Shape = Annotated[Cylinder | Cuboid, Field(discriminator="kind")]
+"""What one part of a tool may be."""
+BodyShape = Annotated[Cylinder | Cuboid | Polygon, Field(discriminator="kind")]
+"""What a body may be."""
 
 
 def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:

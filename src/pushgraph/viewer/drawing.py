@@ -7,13 +7,14 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Polygon as Outline
 from matplotlib.transforms import Affine2D
 
 from pushgraph import pose
 from pushgraph.body import Joint
 from pushgraph.scene import Scene
-from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.track import Track
 
 PALETTE = matplotlib.colormaps["tab10"].colors
@@ -66,9 +67,8 @@ class _Movable:
 class _BodyArtist:
     """The outline of a body, a line that shows how it is turned, and its name."""
 
-    def __init__(self, axes: Axes, shape: Cylinder | Cuboid, name: str, **style: object) -> None:
-        half_x, _, radius = shape.core
-        heading = Line2D([0, half_x + radius], [0, 0], color="black", lw=0.8, alpha=0.5)
+    def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: object) -> None:
+        heading = Line2D([0, max(0.0, _front(shape))], [0, 0], color="black", lw=0.8, alpha=0.5)
         self._parts = [_Movable(axes, outline(shape, **style)), _Movable(axes, heading)]
         self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
 
@@ -93,13 +93,20 @@ class _JointArtist:
         self._mark.set_data([x], [y])
 
 
-def outline(shape: Cylinder | Cuboid, **style: object) -> Patch:
+def _front(shape: Cylinder | Cuboid | Polygon) -> float:
+    """How far a shape reaches along its own x (m)."""
+    return max(x for x, _ in shape.points) if isinstance(shape, Polygon) else shape.core[0] + shape.core[2]
+
+
+def outline(shape: Cylinder | Cuboid | Polygon, **style: object) -> Patch:
     """The shape seen from above, at the origin of its own frame."""
-    half_x, half_y, radius = shape.core
     style = {"ec": "black", "lw": 0.8} | style
+    if isinstance(shape, Polygon):
+        return Outline(shape.points, **style)
+    half_x, half_y, radius = shape.core
     if radius:
         return Circle((0, 0), radius, **style)
-    return Polygon([(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)], **style)
+    return Outline([(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)], **style)
 
 
 def draw_outlines(axes: Axes, track: Track) -> None:
@@ -115,7 +122,7 @@ def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, f
     for track in tracks:
         radii = [
             track.scene.tool.reach,
-            *(np.hypot(*body.shape.core[:2]) + body.shape.core[2] for body in track.scene.bodies),
+            *(body.shape.reach for body in track.scene.bodies),
         ]
         positions = track.poses[..., :2]
         low = np.minimum(low, np.nanmin(positions - np.array(radii)[:, None], axis=(0, 1)))

@@ -1,0 +1,101 @@
+"""Outlines from drawings: the closed paths of an SVG file."""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import svgelements
+
+from pushgraph import outline
+from pushgraph.errors import SceneError
+from pushgraph.shape import Polygon
+
+FLATNESS = 2e-5
+"""Curves are drawn as chords that stay within this of them (m)."""
+TURN = math.radians(5)
+"""And that turn by no more than this from one to the next."""
+MOST_POINTS = 1000
+
+
+def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = None, height: float = 0.10) -> Polygon:
+    """The outline that an SVG file draws, as a polygon about the centroid of its area.
+
+    scale: metres per user unit of the drawing, 0.001 where it is drawn in millimetres; transforms are applied first.
+    id: of the element to take; without it the drawing must hold one closed outline. SVG counts y downwards, a body
+    upwards: the outline stands as it does on the screen. Curves become chords within 0.02 mm.
+
+    Raises SceneError if there is no such file or element, no closed outline or several, or it is not valid.
+    """
+    if not (math.isfinite(scale) and scale > 0):
+        raise SceneError(f"{file}: scale: must be metres per unit of the drawing, above 0, got {scale!r}")
+    try:
+        drawing = svgelements.SVG.parse(str(Path(file)), reify=True)
+        # The parser turns user units into pixels of a screen: turn them back.
+        units = ~svgelements.Matrix(drawing.viewbox_transform or "")
+    except Exception as error:  # the parser raises whatever its XML and number readers raise
+        raise SceneError(f"{file}: cannot read this drawing: {error}") from error
+    found = {}
+    for element in drawing.elements(lambda one: isinstance(one, svgelements.Shape)):
+        for k, path in enumerate((svgelements.Path(element) * units).as_subpaths()):
+            path = svgelements.Path(path)
+            if _is_closed(path):
+                found[element.id or f"(no id, number {len(found) + 1})", k] = path
+    ids = sorted({name for name, _ in found})
+    if id is not None:
+        found = {key: path for key, path in found.items() if key[0] == id}
+        if not found:
+            raise SceneError(f"{file}: no closed outline with the id {id!r}; valid: {', '.join(ids[:20]) or 'none'}")
+    if not found:
+        raise SceneError(f"{file}: no closed outline; a path must end with Z or where it began")
+    if len(found) > 1:
+        raise SceneError(
+            f"{file}: {len(found)} closed outlines ({', '.join(ids[:20])}); name one by id. Holes are not supported"
+        )
+    ((name, _), path) = found.popitem()
+    points = np.array(_chords(path, scale)) * (scale, -scale)
+    points = points[np.hypot(*(points - np.roll(points, -1, 0)).T) > 1e-9]
+    where = f"{file}: outline {name}"
+    if not 3 <= len(points) <= MOST_POINTS:
+        raise SceneError(f"{where}: {len(points)} points at this scale; 3 to {MOST_POINTS} are valid")
+    fault = outline.fault_of(tuple(map(tuple, points.tolist())))
+    if fault:
+        raise SceneError(f"{where}: {fault}")
+    points = points - outline.centroid(points)
+    return Polygon(points=tuple(map(tuple, points.round(9).tolist())), height=height)
+
+
+def _is_closed(path: svgelements.Path) -> bool:
+    drawn = [segment for segment in path if not isinstance(segment, svgelements.Move)]
+    if not drawn:
+        return False
+    first, last = path.first_point, path.current_point
+    size = max(abs(complex(segment.end) - complex(first)) for segment in drawn if segment.end is not None)
+    return isinstance(drawn[-1], svgelements.Close) or (size > 0 and abs(complex(last) - complex(first)) < 1e-6 * size)
+
+
+def _chords(path: svgelements.Path, scale: float) -> list[tuple[float, float]]:
+    """Points along a path: ends of its segments, and points of its curves."""
+    points: list[tuple[float, float]] = []
+    for segment in path:
+        if isinstance(segment, svgelements.Move):
+            continue
+        if not isinstance(segment, svgelements.Line | svgelements.Close):
+            points += _on_curve(segment, scale)
+        if segment.end is not None:
+            points.append((segment.end.x, segment.end.y))
+    return points
+
+
+def _on_curve(segment: svgelements.PathSegment, scale: float) -> list[tuple[float, float]]:
+    """Inner points of a curve, so many that chords stay within `FLATNESS` and turn by `TURN` at most."""
+    count = 2
+    while True:
+        position = np.array([complex(p.x, p.y) for p in map(segment.point, np.linspace(0, 1, 2 * count + 1).tolist())])
+        ends, middles = position[::2], position[1::2]
+        chord = np.diff(ends)
+        sagitta = np.abs(middles - (ends[1:] + ends[:-1]) / 2) * scale
+        turn = np.abs(np.angle((ends[1:] - middles) * (middles - ends[:-1]).conj()))
+        if count >= MOST_POINTS or not len(chord) or (sagitta.max() < FLATNESS and turn.max() < TURN):
+            return [(z.real, z.imag) for z in ends[1:-1].tolist()]
+        count += max(1, count // 4)
