@@ -37,7 +37,7 @@ def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = Non
         raise SceneError(f"{file}: cannot read this drawing: {error}") from error
     found = {}
     for element in drawing.elements(lambda one: isinstance(one, svgelements.Shape)):
-        for k, path in enumerate((svgelements.Path(element) * units).as_subpaths()):
+        for k, path in enumerate(abs(svgelements.Path(element) * units).as_subpaths()):
             path = svgelements.Path(path)
             if _is_closed(path):
                 found[element.id or f"(no id, number {len(found) + 1})", k] = path
