@@ -23,7 +23,7 @@ COARSE = 5e-4
 
 def motion(scene: Scene, **options) -> np.ndarray:
     """Change of the first body's pose (mm, mm, degrees)."""
-    (end,) = reference_ends([scene], step=COARSE, **options)
+    (end,) = reference_ends([scene], **{"step": COARSE, **options})
     return (end - scene.poses_world_from_body)[0] * (1e3, 1e3, math.degrees(1))
 
 
@@ -63,7 +63,8 @@ def test_overlapping_parts_share_what_both_cover() -> None:
 def test_a_puck_slides_as_far_as_coulomb_lets_it(shape) -> None:
     scene = Scene(bodies=(body("puck", 0, 0, shape, yaw=0.3),), table=Table(friction=0.45), pushes=(FAR_AWAY,))
     speed, angle = 0.5, 0.4
-    moved = motion(scene, twists=np.array([[speed * math.cos(angle), speed * math.sin(angle), 0.0]]))
+    twists = np.array([[speed * math.cos(angle), speed * math.sin(angle), 0.0]])
+    moved = motion(scene, step=2e-4, twists=twists)
     distance = 1e3 * speed**2 / (2 * 0.45 * GRAVITY)
     assert moved == pytest.approx([distance * math.cos(angle), distance * math.sin(angle), 0.0], rel=0.01, abs=1e-6)
 
@@ -72,7 +73,7 @@ def test_a_disc_spins_down_by_the_torque_of_its_patch() -> None:
     # Torque mu m g 2R/3 on a moment of inertia m R^2 / 2.
     spin, radius = 8.0, 0.06
     scene = Scene(bodies=(body("puck", 0, 0, Cylinder(diameter=2 * radius)),), pushes=(FAR_AWAY,))
-    turned = motion(scene, twists=np.array([[0.0, 0.0, spin]]))
+    turned = motion(scene, step=2e-4, twists=np.array([[0.0, 0.0, spin]]))
     angle = spin**2 * radius / 2 / (2 * 0.45 * GRAVITY * 2 / 3)
     assert turned == pytest.approx([0.0, 0.0, math.degrees(angle)], rel=0.01, abs=1e-6)
 

@@ -8,7 +8,10 @@ from random_pushes import random_pushes
 from pushgraph.simulation.planar import simulate
 
 MEDIAN, PERCENTILE_95 = (0.6, 0.7), (2.0, 3.5)
-"""Largest errors of position (mm) and yaw (degrees). The few pushes beyond them tell stick from slip by a hair."""
+"""Largest errors of position (mm) and yaw (degrees).
+
+The pushes excuse little: started 0.02 mm beside, the reference itself ends 0.01 mm off in the median, 0.04 at 95 %.
+"""
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.slow)])
