@@ -9,10 +9,10 @@ from pushgraph.body import Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.pose import compose, inverse, relative, transform
 from pushgraph.scene import Scene, Table
-from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.shape import Cuboid, Cylinder, mean_radius
 from pushgraph.simulation.motion import ToolMotion, plan_tool
 from pushgraph.simulation.planar import PlanarSimulation, simulate
-from pushgraph.simulation.planar_model import TIMESTEP, build, mean_radius
+from pushgraph.simulation.planar_model import TIMESTEP, build
 from pushgraph.tool import Part, Push, Tool
 
 GRAVITY = 9.81
@@ -30,39 +30,69 @@ def two_touching(kind: str, mass: float = 0.5, y: float = 0.0, gap: float = 0.0,
     return Scene(bodies=bodies, joints=joints, pushes=(push,), **fields)
 
 
-def slide(scene: Scene, velocity: tuple[float, float, float], seconds: float = 1.0) -> np.ndarray:
-    """Pose change of a lone body thrown with this velocity, by the simulator's own model."""
+def thrown(scene: Scene, twist: tuple[float, float, float], steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pose changes and twists of a lone piece after each step, thrown with this twist, by the simulator's own model."""
     import mujoco
 
-    model = build(scene)
+    model = build(scene).mujoco
     data = mujoco.MjData(model)
-    data.qvel[:3] = velocity
-    start = data.qpos[:3].copy()
-    for _ in range(round(seconds / TIMESTEP)):
+    data.qvel[:3] = twist
+    start, poses, twists = data.qpos[:3].copy(), [], []
+    for _ in range(steps):
         mujoco.mj_step(model, data)
-    return data.qpos[:3] - start
+        poses.append(data.qpos[:3] - start)
+        twists.append(data.qvel[:3].copy())
+    return np.array(poses), np.array(twists)
 
 
-@pytest.mark.parametrize("degrees", [0, 22.5, 45, 77])
-@pytest.mark.parametrize("shape", [Cylinder(diameter=0.12), Cuboid(size=(0.16, 0.08))])
-def test_sliding_distance_and_direction_match_coulomb_at_every_angle(degrees: float, shape) -> None:
-    speed, angle = 0.53, math.radians(degrees)
-    scene = Scene(bodies=(body("a", 0, 0, shape, yaw=0.3),))
-    moved = slide(scene, (speed * math.cos(angle), speed * math.sin(angle), 0))
-    assert math.hypot(*moved[:2]) == pytest.approx(speed**2 / (2 * 0.45 * GRAVITY), rel=0.03)
-    assert math.atan2(moved[1], moved[0]) == pytest.approx(angle, abs=0.005)
-    assert moved[2] == pytest.approx(0, abs=0.005)
+THROWN = {
+    "disc": (body("a", 0, 0, Cylinder(diameter=0.12)),),
+    "box": (body("a", 0, 0, Cuboid(size=(0.16, 0.08)), yaw=0.3),),
+    "bar": (body("a", 0.2, 0, Cuboid(size=(0.3, 0.03)), yaw=1.0, mass=8.0),),
+    "small box": (body("a", 0, 0, Cuboid(size=(0.012, 0.01)), mass=0.005),),
+    "L": (
+        body("a", 0, 0, Cuboid(size=(0.2, 0.04)), mass=0.5),
+        body("b", 0.08, 0.06, Cuboid(size=(0.04, 0.08)), mass=0.2),
+    ),
+    "on three feet": (
+        body("a", 0, 0, Cylinder(diameter=0.12)).replace(support=((0.05, 0.0), (-0.03, 0.04), (-0.03, -0.04))),
+    ),
+}
 
 
-@pytest.mark.parametrize("shape", [Cylinder(diameter=0.12), Cuboid(size=(0.16, 0.08))])
+@pytest.mark.parametrize("friction", [0.05, 0.45, 1.5])
+@pytest.mark.parametrize("form", list(THROWN))
+@pytest.mark.parametrize("degrees", [0, 33])
+def test_what_slides_free_decelerates_by_friction_times_gravity(form: str, friction: float, degrees: float) -> None:
+    bodies, angle = THROWN[form], math.radians(degrees)
+    groups = (tuple(b.name for b in bodies),) if len(bodies) > 1 else ()
+    scene = Scene(bodies=bodies, rigid_groups=groups, table=Table(friction=friction))
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    _, twists = thrown(scene, (*(0.5 * direction), 0.0), steps=8)
+    deceleration = (0.5 - twists[:, :2] @ direction) / (TIMESTEP * np.arange(1, 9))
+    assert deceleration == pytest.approx(friction * GRAVITY, rel=0.01)
+    assert np.abs(twists[:, :2] @ np.array([-direction[1], direction[0]])).max() < 1e-6
+    assert np.abs(twists[:, 2]).max() < 1e-2
+
+
+@pytest.mark.parametrize("form", ["disc", "box", "bar"])
+def test_a_thrown_body_comes_to_rest_after_the_distance_of_coulomb_s_law(form: str) -> None:
+    speed = 0.5
+    poses, twists = thrown(Scene(bodies=THROWN[form]), (speed, 0.0, 0.0), steps=60)
+    # A step moves the body by its speed at the step's end: on the whole it falls short by half a step.
+    short = speed * TIMESTEP / 2
+    assert poses[-1, 0] == pytest.approx(speed**2 / (2 * 0.45 * GRAVITY) - short, rel=0.01)
+    assert np.abs(twists[-1]).max() < 1e-6
+
+
+@pytest.mark.parametrize("shape", [Cylinder(diameter=0.12), Cuboid(size=(0.16, 0.08)), Cuboid(size=(0.24, 0.03))])
 def test_spin_matches_the_torque_of_the_whole_patch(shape) -> None:
     spin = 8.0
-    scene = Scene(bodies=(body("a", 0, 0, shape),))
+    _, twists = thrown(Scene(bodies=(body("a", 0, 0, shape),)), (0, 0, spin), steps=5)
     half_x, half_y, radius = shape.core
     inertia_per_mass = radius**2 / 2 if radius else (half_x**2 + half_y**2) / 3
-    turned = slide(scene, (0, 0, spin))[2]
-    expected = spin**2 * inertia_per_mass / (2 * 0.45 * GRAVITY * mean_radius(shape))
-    assert turned == pytest.approx(expected, rel=0.05)
+    deceleration = (spin - twists[-1, 2]) / (5 * TIMESTEP)
+    assert deceleration == pytest.approx(0.45 * GRAVITY * mean_radius(shape) / inertia_per_mass, rel=0.05)
 
 
 @pytest.mark.parametrize("shape", [Cylinder(diameter=0.12), Cuboid(size=(0.16, 0.08)), Cuboid(size=(0.1, 0.1))])
@@ -141,7 +171,7 @@ def test_joint_limits_hold_whichever_end_the_tree_starts_from() -> None:
     assert spread("lower", "upper") == pytest.approx(0.01, abs=2e-3)
 
 
-def test_nothing_tips_or_sinks_and_hardly_overlaps() -> None:
+def test_bodies_hardly_overlap() -> None:
     from pushgraph.dataset.summary import penetration
 
     shapes = [Cylinder(diameter=0.1), Cuboid(size=(0.1, 0.14))]
@@ -150,8 +180,6 @@ def test_nothing_tips_or_sinks_and_hardly_overlaps() -> None:
     simulation = PlanarSimulation(Scene(bodies=bodies, pushes=pushes))
     for push in pushes:
         simulation.push(push)
-        assert np.abs(simulation._data.xpos[simulation._links, 2]).max() < 1e-3
-        assert np.allclose(simulation._data.xmat[simulation._links, 8], 1)
     assert penetration(simulation.track()).max() < 1e-3
 
 
@@ -284,16 +312,6 @@ def test_a_rigid_group_moves_as_one_and_its_parts_may_overlap() -> None:
 @pytest.mark.parametrize(
     ("scene", "message"),
     [
-        (
-            two_touching("fixed").replace(
-                bodies=(*two_touching("fixed").bodies, body("third", 0.104, 0.0)),
-                joints=tuple(
-                    Joint(kind="fixed", parent=a, child=b)
-                    for a, b in (("upper", "lower"), ("lower", "third"), ("third", "upper"))
-                ),
-            ),
-            "close a cycle",
-        ),
         (
             Scene(bodies=(Body(name="a", shape=Cylinder(diameter=0.1), pose_world_from_body=(0, 0, 0)),)),
             "mass of body 'a'",

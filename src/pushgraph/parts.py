@@ -26,6 +26,11 @@ class Parts(NamedTuple):
         """Whether every body is one part, at its own origin."""
         return len(self.owner.unique()) == len(self.owner) and not self.pose_body_from_part.any()
 
+    @property
+    def circles(self) -> Float[np.ndarray, " parts"]:
+        """Radius of the circle around each part (m)."""
+        return (self.boxes.half_extents.norm(dim=-1) + self.boxes.radius).numpy()
+
     def poses(self, poses_world_from_body: Float[np.ndarray, "*batch bodies 3"]) -> Float[np.ndarray, "*batch parts 3"]:
         """Poses of the parts (pose_world_from_part) where the bodies are here."""
         if self.are_bodies:

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from pushgraph import pose
 from pushgraph.body import Body, Joint, Name
-from pushgraph.contact import Contact, RoundedBox, signed_gap
+from pushgraph.contact import Contact, signed_gap
 from pushgraph.errors import SceneError
 from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.record import Record, explain
@@ -30,6 +30,8 @@ VERSION = 1
 OVERLAP = 1e-3
 """Bodies that overlap deeper than this (m) are refused, unless one rigid group holds both."""
 
+NEAR = 0.05
+"""Gaps to the tool are exact where they are less than this (m)."""
 LONGEST_PUSH = 600.0
 """A push that takes longer (s) is refused: a speed or a rotation that nobody meant."""
 SWING, SLIDE = math.pi / 2, 0.08
@@ -241,9 +243,8 @@ class Scene(Record):
             [(k, m, n) for k, (a, b) in enumerate(pairs) for m in owned[a] for n in owned[b]]
         ).T
         poses = parts.poses(poses_world_from_body)
-        circle = (parts.boxes.half_extents.norm(dim=-1) + parts.boxes.radius).numpy()
         distance = np.hypot(*np.moveaxis(poses[:, first, :2] - poses[:, second, :2], -1, 0))
-        frame, near = np.nonzero(distance < circle[first] + circle[second])
+        frame, near = np.nonzero(distance < parts.circles[first] + parts.circles[second])
         a, b = first[near], second[near]
         gaps = signed_gap(
             take(parts.boxes, torch.from_numpy(a)),
@@ -259,20 +260,26 @@ class Scene(Record):
         poses_world_from_tool: Float[np.ndarray, "poses 3"],
         poses_world_from_body: Float[np.ndarray, "*#poses bodies 3"],
     ) -> Float[np.ndarray, "poses bodies"]:
-        """Signed gap (m) between the tool at each pose and each body, which may move from pose to pose."""
-        poses_tool_from_part = np.array([part.pose_tool_from_part for part in self.tool.parts])
+        """Signed gap (m) between the tool at each pose and each body, which may move from pose to pose.
+
+        Exact where it is less than NEAR; where it is more, at least NEAR and at most what it is.
+        """
+        tool_parts = self.tool.parts
+        poses_tool_from_part = np.array([part.pose_tool_from_part for part in tool_parts])
         poses_world_from_part = pose.compose(poses_world_from_tool[:, None], poses_tool_from_part)
-        bodies_in_parts = parts_of([body.shape for body in self.bodies])
-        bodies, poses_world_from_body = bodies_in_parts.boxes, bodies_in_parts.poses(poses_world_from_body)
-        pose_body_from_part = pose.relative(poses_world_from_body[..., :, None, :], poses_world_from_part[:, None])
-        shape = pose_body_from_part.shape[:-1]
-        parts = rounded_boxes([part.shape for part in self.tool.parts])
-        gaps = signed_gap(
-            RoundedBox(bodies.half_extents[:, None].expand(*shape, 2), bodies.radius[:, None].expand(shape)),
-            RoundedBox(parts.half_extents.expand(*shape, 2), parts.radius.expand(shape)),
-            torch.from_numpy(pose_body_from_part),
-        )
-        return bodies_in_parts.least(gaps.amin(-1).numpy())
+        tool_boxes = rounded_boxes([part.shape for part in tool_parts])
+        bodies = parts_of([body.shape for body in self.bodies])
+        poses = np.broadcast_to(bodies.poses(poses_world_from_body), (len(poses_world_from_tool), len(bodies.owner), 3))
+        between = poses[:, :, None, :2] - poses_world_from_part[:, None, :, :2]
+        circles = bodies.circles[:, None] + (tool_boxes.half_extents.norm(dim=-1) + tool_boxes.radius).numpy()
+        gaps = np.hypot(between[..., 0], between[..., 1]) - circles
+        at, body, part = np.nonzero(gaps < NEAR)
+        gaps[at, body, part] = signed_gap(
+            take(bodies.boxes, torch.from_numpy(body)),
+            take(tool_boxes, torch.from_numpy(part)),
+            torch.from_numpy(pose.relative(poses[at, body], poses_world_from_part[at, part])),
+        ).numpy()
+        return bodies.least(gaps.min(-1))
 
     def joint_frame(self, joint: Joint) -> JointFrame:
         """Anchor, axis and limits of a joint, those left out drawn from the geometry; see `place_joint`."""

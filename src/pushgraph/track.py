@@ -34,7 +34,9 @@ class Track:
 
     times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is
     under way, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
-    alone may be NaN for bodies whose yaw is not known. Raises TrackError if anything does not fit.
+    alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on average since
+    the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not measured.
+    Raises TrackError if anything does not fit.
     """
 
     scene: Scene
@@ -42,6 +44,7 @@ class Track:
     poses: Float[np.ndarray, "frames nodes 3"]
     push: Int[np.ndarray, " frames"]
     seen: Bool[np.ndarray, "frames nodes"]
+    wrench: Float[np.ndarray, "frames 3"] | None = None
 
     def __post_init__(self) -> None:
         frames, nodes = len(self.times), 1 + len(self.scene.bodies)
@@ -50,6 +53,8 @@ class Track:
         for name, shape in (("poses", (frames, nodes, 3)), ("push", (frames,)), ("seen", (frames, nodes))):
             if getattr(self, name).shape != shape:
                 raise TrackError(f"{name}: shape must be {shape}, got {getattr(self, name).shape}")
+        if self.wrench is not None and (self.wrench.shape != (frames, 3) or not np.isfinite(self.wrench).all()):
+            raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
         self._check_times()
         self._check_poses()
         valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < max(len(self.scene.pushes), 1)))
@@ -163,6 +168,8 @@ class Track:
             file["nodes"] = list(self.nodes)
             for name, unit in (("times", "s"), ("poses", "x (m), y (m), yaw (rad)"), ("push", ""), ("seen", "")):
                 file.create_dataset(name, data=getattr(self, name)).attrs["unit"] = unit
+            if self.wrench is not None:
+                file.create_dataset("wrench", data=self.wrench).attrs["unit"] = "force (N), world; moment (N m)"
 
     @classmethod
     def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> "Track":
@@ -179,6 +186,8 @@ class Track:
                 if nodes != [ROBOT, *scene.names]:
                     raise TrackError(f"{path}: its nodes {nodes} are not those of the scene, {[ROBOT, *scene.names]}")
                 arrays = {name: _array(file, name, kind, axes) for name, (kind, axes) in _ARRAYS.items()}
+                if "wrench" in file:
+                    arrays["wrench"] = _array(file, "wrench", "f", 2)
             return cls(scene, **arrays)
         except (OSError, KeyError, AttributeError, TypeError, ValueError) as error:
             raise TrackError(f"{path}: cannot read this track, it may be truncated: {error}") from None

@@ -2,6 +2,7 @@
 
 /poses         [rows, 3]  float32  x (m), y (m), yaw (rad); for each frame one row a node, node 0 the robot
 /push          [frames]   int16    push under way, -1 while the tool is lifted
+/wrench        [frames, 3] float32 force (N, world frame) and moment (N m) of the bodies on the tool
 /pose_offset   [count+1]  int64    first row of each trajectory in /poses
 /frame_offset  [count+1]  int64    first frame of each trajectory in /push
 /scenes        [count]    string   JSON scene with its pushes
@@ -28,7 +29,7 @@ from pushgraph.storage import replacing_hdf5
 from pushgraph.track import FRAME, Track
 
 FORMAT = "pushgraph.dataset"
-VERSION = 1
+VERSION = 2
 ROWS_PER_CHUNK = 16384
 _STORED = {"chunks": True, "compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
 
@@ -68,6 +69,7 @@ class Columns:
 
     poses: np.ndarray
     push: np.ndarray
+    wrench: np.ndarray
     pose_offset: np.ndarray
     frame_offset: np.ndarray
     scenes: np.ndarray
@@ -81,6 +83,7 @@ class Columns:
         return cls(
             poses=np.concatenate([track.poses.reshape(-1, 3) for track in tracks]).astype(np.float32),
             push=np.concatenate([track.push for track in tracks]).astype(np.int16),
+            wrench=np.concatenate([track.wrench for track in tracks]).astype(np.float32),
             pose_offset=np.cumsum([0] + [track.poses.shape[0] * track.poses.shape[1] for track in tracks]),
             frame_offset=np.cumsum([0] + [len(track.push) for track in tracks]),
             scenes=np.array([track.scene.to_json(indent=None) for track in tracks], dtype=object),
@@ -100,11 +103,13 @@ def write(path: str | os.PathLike, recipe: Recipe, frames: int, rows: int, colum
         stored = {
             "poses": file.create_dataset("poses", (rows, 3), np.float32, **_STORED | {"chunks": (chunk, 3)}),
             "push": file.create_dataset("push", (frames,), np.int16, **_STORED),
+            "wrench": file.create_dataset("wrench", (frames, 3), np.float32, **_STORED),
             "scenes": file.create_dataset("scenes", (recipe.count,), h5py.string_dtype()),
             "density": file.create_dataset("density", (recipe.count,), "S6"),
             "summary": file.create_dataset("summary", (recipe.count,), COLUMNS),
         }
         stored["poses"].attrs["unit"] = "x (m), y (m), yaw (rad)"
+        stored["wrench"].attrs["unit"] = "force (N), world; moment (N m)"
         offsets = {name: np.zeros(recipe.count + 1, np.int64) for name in ("pose_offset", "frame_offset")}
         first = {name: 0 for name in stored}
         for stretch in columns:
@@ -165,6 +170,7 @@ class Dataset:
             poses=poses,
             push=stretch.push.astype(np.int64),
             seen=np.ones(poses.shape[:2], dtype=bool),
+            wrench=stretch.wrench.astype(np.float64),
         )
 
     def scene(self, index: int) -> Scene:
@@ -181,6 +187,7 @@ class Dataset:
             return Columns(
                 poses=self._file["poses"][rows],
                 push=self._file["push"][frames],
+                wrench=self._file["wrench"][frames],
                 pose_offset=self.pose_offset[first : last + 1] - rows.start,
                 frame_offset=self.frame_offset[first : last + 1] - frames.start,
                 scenes=self._file["scenes"][first:last],

@@ -4,12 +4,8 @@ from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
-from pushgraph.contact import signed_gap
-from pushgraph.pose import relative
-from pushgraph.shape import rounded_boxes, take
 from pushgraph.simulation.articulation import DYNAMICS
 from pushgraph.simulation.setups import REJECTIONS, TOUCHED, Trajectory
 from pushgraph.track import Track
@@ -85,15 +81,7 @@ def penetration(track: Track) -> Float[np.ndarray, " frames"]:
     deepest[down] = -scene.tool_gaps(track.poses[down, 0], track.poses[down, 1:]).min(-1)
     pairs = scene.pairs_apart
     if pairs:
-        boxes = rounded_boxes([body.shape for body in scene.bodies])
-        poses = torch.from_numpy(track.poses[:, 1:])
-        first, second = (torch.tensor(column) for column in zip(*pairs, strict=True))
-        reach = boxes.half_extents.norm(dim=-1) + boxes.radius
-        distance = (poses[:, first, :2] - poses[:, second, :2]).norm(dim=-1)
-        frame, pair = torch.nonzero(distance < reach[first] + reach[second], as_tuple=True)
-        a, b = first[pair], second[pair]
-        gaps = signed_gap(take(boxes, a), take(boxes, b), relative(poses[frame, a], poses[frame, b]))
-        np.maximum.at(deepest, frame.numpy(), -gaps.numpy())
+        deepest = np.maximum(deepest, -scene.pair_gaps(pairs, track.poses[:, 1:]).min(-1))
     return np.maximum(deepest, 0.0)
 
 

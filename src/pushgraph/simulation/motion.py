@@ -28,10 +28,13 @@ class ToolMotion:
             self._profile = None
             self._travelled = np.array([0.0, *push.times])
             self.duration = push.times[-1]
+            self.speed = float((push.lengths(tool) / np.diff(self._travelled)).max())
         else:
             self._travelled = np.concatenate(([0.0], np.cumsum(push.lengths(tool))))
             self._profile = _Trapezoid(self._travelled[-1], push.speed)
             self.duration = self._profile.duration
+            self.speed = self._profile.speed
+        """From the start of the push until the tool has come to its end (s)."""
         self.frames = math.ceil((self.duration + push.rest) / FRAME - 1e-9)
         """Frames from the start of the push until the tool lifts."""
 

@@ -1,18 +1,24 @@
 """Simulate pushes of a planar scene in MuJoCo and record a track."""
 
+import math
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.body import ROBOT
 from pushgraph.errors import SimulationError
-from pushgraph.scene import OVERLAP, Scene
+from pushgraph.plausibility import start_fault
+from pushgraph.scene import Scene
 from pushgraph.simulation.motion import ToolMotion
-from pushgraph.simulation.planar_model import LIFT_HEIGHT, TIMESTEP, build, link_name
+from pushgraph.simulation.planar_model import LIFT_HEIGHT, NO_LIMIT, TIMESTEP, build
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
 
-SUBSTEPS = round(FRAME / TIMESTEP)
+TRAVEL = 0.9e-3
+"""No point of the tool moves farther in a step (m): it comes to lie so deep in what it meets, until that yields."""
+STALL = 1e-3
+"""A pusher that lags so far behind (m), its force at its limit, waits until it is let on."""
 
 _DIVERGED = [
     int(warning)
@@ -36,33 +42,43 @@ def simulate(scene: Scene) -> Track:
 
 
 class PlanarSimulation:
-    """A scene in motion. Pushes may be chosen as it goes; the same calls give the same bits anywhere."""
+    """A scene in motion. Pushes may be chosen as it goes; the same calls give the same bits anywhere.
 
-    def __init__(self, scene: Scene) -> None:
+    force_limits: whether pushes may have force limits; by default, if one of the scene's has.
+    """
+
+    def __init__(self, scene: Scene, force_limits: bool | None = None) -> None:
         self.scene = scene
+        if force_limits is None:
+            force_limits = any(push.force_limit is not None for push in scene.pushes)
         self._pushes: list[Push] = []
-        self._model = build(scene)
-        self._data = mujoco.MjData(self._model)
-        self._links = [self._model.body(link_name(k)).id for k in range(len(scene.bodies))]
-        first_joint = self._model.joint(int(self._model.body(ROBOT).jntadr[0]))
-        self._robot_position = self._data.qpos[int(first_joint.qposadr[0]) :][:4]
-        self._robot_velocity = self._data.qvel[int(first_joint.dofadr[0]) :][:4]
+        self._model = build(scene, clutch=force_limits)
+        self._data = mujoco.MjData(self._model.mujoco)
+        self._robot_position = self._data.qpos[self._model.robot_position]
+        self._robot_velocity = self._data.qvel[self._model.robot_velocity]
+        self._robot_force = self._data.qfrc_constraint[self._model.robot_velocity]
         self._frames: list[np.ndarray] = []
         self._frame_push: list[int] = []
+        self._wrenches: list[np.ndarray] = []
 
     @property
     def poses(self) -> Float[np.ndarray, "bodies 3"]:
         """Poses of the bodies now, pose_world_from_body."""
-        mujoco.mj_kinematics(self._model, self._data)
-        rotation = self._data.xmat[self._links]
+        mujoco.mj_kinematics(self._model.mujoco, self._data)
+        rotation = self._data.xmat[self._model.links]
         yaw = np.arctan2(rotation[:, 3], rotation[:, 0])
-        return np.column_stack((self._data.xpos[self._links, :2], yaw))
+        return np.column_stack((self._data.xpos[self._model.links, :2], yaw))
 
     def push(self, push: Push) -> None:
         """Let the tool come down, push and rest; after an earlier push it first lifts and moves there.
 
         Raises SimulationError if the tool would come down on a body, or the simulation diverges.
         """
+        if push.force_limit is not None and not self._model.clutch:
+            raise SimulationError(
+                f"pushes[{len(self._pushes)}].force_limit: this simulation was begun without force limits; begin it "
+                "with PlanarSimulation(scene, force_limits=True)"
+            )
         motion = ToolMotion(push, self.scene.tool)
         start = motion.pose(0.0)
         if self._frames:
@@ -70,19 +86,19 @@ class PlanarSimulation:
                 self._step_lifted(above)
                 self._record(above, LIFTED)
             self._step_lifted(start)
-        self._check_start(start)
+        index = len(self._pushes)
+        if fault := start_fault(self.scene, index, start, self.poses):
+            raise SimulationError(fault)
         self._pushes.append(push)
-        index = len(self._pushes) - 1
         self._record(start, index)
-        here = start
-        for frame in range(motion.frames):
-            for substep in range(frame * SUBSTEPS, (frame + 1) * SUBSTEPS):
-                there = motion.pose((substep + 1) * TIMESTEP)
-                self._place_tool(here, there, down=True)
-                mujoco.mj_step(self._model, self._data)
-                here = there
-            self._check_finite()
-            self._record(here, index)
+        steps = math.ceil(FRAME / min(TIMESTEP, TRAVEL / max(motion.speed, 1e-9)) - 1e-9)
+        self._model.set_timestep(FRAME / steps)
+        if self._model.clutch:
+            limit = NO_LIMIT if push.force_limit is None else push.force_limit
+            self._model.mujoco.dof_frictionloss[self._model.robot_velocity][4] = limit
+        for here, wrench in (self._driven if push.force_limit is None else self._driven_with_limit)(motion, steps):
+            self._record(here, index, wrench)
+        self._check_finite()
 
     def track(self) -> Track:
         """The track so far; its scene holds the pushes made so far."""
@@ -96,32 +112,65 @@ class PlanarSimulation:
             poses=poses,
             push=np.array(self._frame_push or [LIFTED]),
             seen=np.ones(poses.shape[:2], dtype=bool),
+            wrench=np.array(self._wrenches or [np.zeros(3)]),
         )
 
-    def _place_tool(self, now: np.ndarray, after_step: np.ndarray, down: bool) -> None:
-        """Set the tool's pose and the velocity that brings it to its next pose in one step."""
-        velocity = (after_step - now) / TIMESTEP
-        self._robot_position[:] = (now[0], now[1], -LIFT_HEIGHT if down else 0.0, now[2])
-        self._robot_velocity[:] = (velocity[0], velocity[1], 0.0, velocity[2])
+    def _driven(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Drive the tool along its motion, so many steps a frame: its pose after each frame, and the wrench on it."""
+        model, data = self._model.mujoco, self._data
+        poses = motion.poses(np.arange(motion.frames * steps + 1) * (FRAME / steps))
+        positions = self._robot_joints(poses, -LIFT_HEIGHT)
+        velocities = self._robot_joints(np.diff(poses, axis=0) * (steps / FRAME), 0.0)
+        for frame in range(motion.frames):
+            force = np.zeros(len(self._robot_force))
+            for step in range(frame * steps, (frame + 1) * steps):
+                self._robot_position[:] = positions[step]
+                self._robot_velocity[:] = velocities[step]
+                mujoco.mj_step(model, data)
+                force += self._robot_force
+            yield poses[(frame + 1) * steps], force[[0, 1, -1]] / steps
+
+    def _driven_with_limit(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same for a tool that slips along its way where its force would pass the limit.
+
+        While it lags by more than STALL, what drives it waits.
+        """
+        model, data = self._model.mujoco, self._data
+        step = FRAME / steps
+        pose, heading, time, slip = motion.pose(0.0), 0.0, 0.0, 0.0
+        for _ in range(motion.frames):
+            force = np.zeros(len(self._robot_force))
+            for _ in range(steps):
+                time += step * (abs(slip) <= STALL)
+                velocity = (motion.pose(time) - pose) / step
+                if velocity[:2].any():
+                    heading = math.atan2(velocity[1], velocity[0])
+                slip_speed = self._robot_velocity[4]
+                self._robot_position[:] = (pose[0], pose[1], -LIFT_HEIGHT, heading, slip, pose[2] - heading)
+                self._robot_velocity[:] = (velocity[0], velocity[1], 0.0, 0.0, slip_speed, velocity[2])
+                mujoco.mj_step(model, data)
+                force += self._robot_force
+                pose, slip = motion.pose(time), self._robot_position[4]
+            yield pose + slip * np.array([math.cos(heading), math.sin(heading), 0.0]), force[[0, 1, -1]] / steps
+
+    def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
+        """Positions of the robot's joints for poses of the tool, or their velocities; a clutch holds."""
+        joints = np.zeros((len(poses), len(self._robot_position)))
+        joints[:, [0, 1, -1]], joints[:, 2] = poses, height
+        return joints
 
     def _step_lifted(self, pose_world_from_tool: np.ndarray) -> None:
-        for _ in range(SUBSTEPS):
-            self._place_tool(pose_world_from_tool, pose_world_from_tool, down=False)
-            mujoco.mj_step(self._model, self._data)
-        self._check_finite()
+        self._model.set_timestep(TIMESTEP)
+        joints = self._robot_joints(pose_world_from_tool[None], 0.0)[0]
+        for _ in range(round(FRAME / TIMESTEP)):
+            self._robot_position[:] = joints
+            self._robot_velocity[:] = 0.0
+            mujoco.mj_step(self._model.mujoco, self._data)
 
-    def _record(self, pose_world_from_tool: np.ndarray, push: int) -> None:
+    def _record(self, pose_world_from_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
         self._frames.append(np.vstack((pose_world_from_tool, self.poses)))
         self._frame_push.append(push)
-
-    def _check_start(self, pose_world_from_tool: np.ndarray) -> None:
-        gaps = self.scene.tool_gaps(pose_world_from_tool[None], self.poses)[0]
-        if gaps.min() < -OVERLAP:
-            raise SimulationError(
-                f"pushes[{len(self._pushes)}].start: the tool would come down on body "
-                f"{self.scene.names[int(gaps.argmin())]!r}, {-gaps.min() * 1e3:.1f} mm deep, where it lies by then; "
-                "start clear of the bodies"
-            )
+        self._wrenches.append(np.zeros(3) if wrench is None else wrench)
 
     def _check_finite(self) -> None:
         if any(self._data.warning[kind].number for kind in _DIVERGED):
