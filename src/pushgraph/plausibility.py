@@ -48,6 +48,9 @@ def simplifications(scene: Scene) -> list[str]:
         f"{_listed(still)} cannot move: predicted as bodies of great mass that are held in place, of which the "
         "networks have seen none"
     ] * bool(still)
+    supported = [body.name for body in scene.bodies if body.support is not None]
+    if supported:
+        taken.append(f"support of {_listed(supported)} is ignored: predicted bodies press on all of their outline")
     limited = [f"pushes[{index}]" for index, push in enumerate(scene.pushes) if push.force_limit is not None]
     if limited:
         taken.append(f"force_limit of {', '.join(limited[:MOST_NAMES])} is ignored: predicted pushers never stall")

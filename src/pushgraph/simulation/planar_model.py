@@ -21,7 +21,7 @@ from pushgraph import pose
 from pushgraph.body import ROBOT, Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.patch import MassProperties, mass_properties, patch_of
-from pushgraph.scene import Scene
+from pushgraph.scene import TRUSTED, Scene
 from pushgraph.shape import Cuboid, Cylinder, Pose
 from pushgraph.simulation.assembly import Assembly, assemble
 from pushgraph.simulation.feet import Feet, feet_of
@@ -106,6 +106,7 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     Raises SimulationError if a mass or a friction is unknown.
     """
     _check_known(scene)
+    original, scene = scene, _in_order_of_names(scene)
     spec = _empty_spec()
     world = spec.worldbody
     world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=TABLE, conaffinity=0)
@@ -140,7 +141,7 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     first_position, first_velocity = int(robot_joint.qposadr[0]), int(robot_joint.dofadr[0])
     return PlanarModel(
         mujoco=model,
-        links=links,
+        links=[links[scene.names.index(name)] for name in original.names],
         robot_position=slice(first_position, first_position + count),
         robot_velocity=slice(first_velocity, first_velocity + count),
         clutch=clutch,
@@ -159,6 +160,16 @@ _AT_ONE_PLACE = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0] + [1.0, 0.0]
 
 def _piece_name(piece: int) -> str:
     return f"piece {piece}"
+
+
+def _in_order_of_names(scene: Scene) -> Scene:
+    """The same scene, however its bodies and joints were ordered: rounding must not depend on that."""
+    fields = {name: getattr(scene, name) for name in Scene.model_fields} | {
+        "bodies": sorted(scene.bodies, key=lambda body: body.name),
+        "joints": sorted(scene.joints, key=lambda joint: (joint.parent, joint.child)),
+        "rigid_groups": sorted(sorted(group) for group in scene.rigid_groups),
+    }
+    return Scene.model_validate(fields, context=TRUSTED)
 
 
 def _empty_spec() -> mujoco.MjSpec:
