@@ -175,7 +175,8 @@ def _unrest(track: Track, fallen: Iterable[str]) -> list[str]:
         return []
     change = (track.poses[-1] - track.poses[-2]) / (track.times[-1] - track.times[-2])
     said = []
-    for name, (x, y, yaw), seen in zip(track.scene.names, change[1:], track.seen[-2:, 1:].all(0), strict=True):
+    seen_last = (track.seen[-2] & track.seen[-1])[1:]
+    for name, (x, y, yaw), seen in zip(track.scene.names, change[1:], seen_last, strict=True):
         speed, spin = np.hypot(x, y), abs(yaw)
         if seen and name not in fallen and (speed > SPEED or spin > SPIN):
             said.append(
