@@ -97,7 +97,7 @@ def remarks(track: Track) -> list[str]:
 
 def _leaving_times(track: Track) -> dict[str, float]:
     """When the centre of each movable body that leaves the table is first seen off it (s)."""
-    on_table = track.scene.table.holds(np.nan_to_num(track.poses[:, 1:, :2]))
+    on_table = track.scene.on_table(np.nan_to_num(track.poses[:, 1:]))
     off = track.seen[:, 1:] & ~on_table & ~track.scene.immovable
     return {
         name: float(track.times[int(off[:, k].argmax())]) for k, name in enumerate(track.scene.names) if off[:, k].any()

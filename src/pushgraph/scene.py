@@ -157,7 +157,7 @@ class Scene(Record):
                 raise ValueError(f"unknown_pairs[{index}]: {list(names_of_pair)} is one body, or known to be joined")
 
     def _check_places(self) -> None:
-        on_table = self.table.holds(self.poses_world_from_body[:, :2])
+        on_table = self.on_table(self.poses_world_from_body)
         for body, valid in zip(self.bodies, on_table | self.immovable, strict=True):
             if not valid:
                 x, y = self.table.size
@@ -214,6 +214,11 @@ class Scene(Record):
         fixed = {body.name for body in self.bodies if body.fixed}
         fixed |= {name for group in self.rigid_groups if fixed & set(group) for name in group}
         return np.array([name in fixed for name in self.names])
+
+    def on_table(self, poses_world_from_body: Float[np.ndarray, "*batch bodies 3"]) -> Bool[np.ndarray, "..."]:
+        """Whether the centre of each body's outline lies on the table."""
+        centroids = np.array([body.shape.centroid for body in self.bodies])
+        return self.table.holds(pose.transform(poses_world_from_body, centroids))
 
     @property
     def pairs_apart(self) -> list[tuple[int, int]]:

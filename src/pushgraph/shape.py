@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
 import torch
 from pydantic import Field, field_validator
 
@@ -37,6 +38,11 @@ class Cylinder(Record):
         return math.hypot(*self.core[:2]) + self.core[2]
 
     @property
+    def centroid(self) -> Point:
+        """Centroid of its outline in the body's frame (m)."""
+        return (0.0, 0.0)
+
+    @property
     def parts(self) -> tuple["PlacedShape", ...]:
         """The rigid parts that it consists of: itself."""
         return (PlacedShape(self),)
@@ -58,6 +64,11 @@ class Cuboid(Record):
     def reach(self) -> float:
         """Distance from its origin to its farthest point (m)."""
         return math.hypot(*self.core[:2]) + self.core[2]
+
+    @property
+    def centroid(self) -> Point:
+        """Centroid of its outline in the body's frame (m)."""
+        return (0.0, 0.0)
 
     @property
     def parts(self) -> tuple["PlacedShape", ...]:
@@ -88,6 +99,12 @@ class Polygon(Record):
     def reach(self) -> float:
         """Distance from its origin to its farthest point (m)."""
         return max(math.hypot(*point) for point in self.points)
+
+    @property
+    def centroid(self) -> Point:
+        """Centroid of its outline in the body's frame (m)."""
+        x, y = outline.centroid(np.array(self.points)).tolist()
+        return (x, y)
 
     @property
     def parts(self) -> tuple["PlacedShape", ...]:
