@@ -1,6 +1,7 @@
 """The simulator against itself: how far it ends from where it ended, started with a little noise.
 
 .venv/bin/python benchmarks/noise_floor.py --count 300 --out noise_floor
+.venv/bin/python benchmarks/noise_floor.py --setup planar --count 300 --out noise_floor_planar
 """
 
 import functools
@@ -36,9 +37,9 @@ METRICS = {
 }
 
 
-def measure(objects: int, seed: int, index: int) -> tuple[str, dict[tuple[str, int], RolloutError | None]]:
+def measure(setup: str, objects: int, seed: int, index: int) -> tuple[str, dict[tuple[str, int], RolloutError | None]]:
     """Density of one test scene, and its errors by noise and frames; None where the tool cannot come down."""
-    trajectory = draw_trajectory("multiple-parts", objects, seed, index)
+    trajectory = draw_trajectory(setup, objects, seed, index)
     errors: dict[tuple[str, int], RolloutError | None] = {}
     for number, (name, noise) in enumerate(NOISES.items()):
         for frames in FRAMES:
@@ -70,16 +71,17 @@ def draw(results: Results, path: Path) -> None:
 
 
 def main(
+    setup: Annotated[str, typer.Option(help="Setup.")] = "multiple-parts",
     count: Annotated[int, typer.Option(help="Scenes.")] = 300,
     objects: Annotated[int, typer.Option(help="Objects in a scene.")] = 9,
     seed: Annotated[int, typer.Option(help="From 1,000,000 on: test scenes.")] = 1_000_000,
     out: Annotated[Path, typer.Option(help="Folder for results.json and noise_floor.png.")] = Path("noise_floor"),
     workers: Annotated[int, typer.Option(help="Processes.")] = 2,
 ) -> None:
-    work = functools.partial(measure, objects, seed)
+    work = functools.partial(measure, setup, objects, seed)
     done = run_in_processes(work, range(count), workers)
     scenes = dict(progress(done, description="scenes", total=count))
-    protocol = {"setup": "multiple-parts", "objects": objects, "count": count, "seed": seed}
+    protocol = {"setup": setup, "objects": objects, "count": count, "seed": seed}
     results = Results("noise-floor", protocol, ("objects", "frames", "density", "noise", "scenes"))
     for noise in NOISES:
         for frames in FRAMES:
@@ -101,7 +103,7 @@ def main(
                     results.add("noise_floor", metric, unit, np.concatenate(values), scene, statistic, **labels)
     results.save(out / "results.json")
     draw(results, out / "noise_floor.png")
-    table = Table(title=f"Noise floor, {objects} objects, {count} scenes, seed {seed}")
+    table = Table(title=f"Noise floor, {setup}, {objects} objects, {count} scenes, seed {seed}")
     for name in ("noise", "frames", "scenes", *METRICS):
         table.add_column(name.replace("_", " "), justify="right")
     for noise in NOISES:

@@ -139,8 +139,7 @@ def fault_of(points: tuple[tuple[float, float], ...]) -> str | None:
     if shapely.minimum_rotated_rectangle(polygon).area < 1e-3 * THINNEST * extent.max():
         return "the points lie on one line; an outline must enclose an area"
     if not polygon.is_valid:
-        where = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
-        x, y = (float(number) for number in where.groups())
+        x, y = (float(number) for number in re.findall(r"[^\s\[\]]+", shapely.is_valid_reason(polygon))[-2:])
         return f"the outline crosses or touches itself at [{x:.6g}, {y:.6g}] m; it must be simple"
     if polygon.area < THINNEST**2:
         return f"the outline encloses {polygon.area * 1e6:.3g} mm^2; at least {THINNEST**2 * 1e6:g} mm^2 is valid"
@@ -165,11 +164,11 @@ def cut(points: tuple[tuple[float, float], ...]) -> tuple[Cut, ...]:
     covers &= depth >= np.minimum(DEPTH, deepest / 2) - 1e-9
     near, inside = parts.contain(_inner_points(ring, samples)), parts.contain(_grid(ring))
     boundary = np.concatenate((samples.weight, np.full(near.shape[1], 0.2 * samples.weight.mean())))
-    chosen = _fill(inside)
-    inside &= inside[chosen].any(0)
+    filling = _fill(inside)
+    inside &= inside[filling].any(0)
     goals = np.concatenate((covers, near, inside), 1)
     weights = np.concatenate((boundary, np.full(inside.shape[1], 1e-9)))
-    chosen = parts.take(_choose(goals, weights, parts.area / ring.polygon.area, chosen))
+    chosen = parts.take(_choose(goals, weights, parts.area / ring.polygon.area, filling))
     chosen = _join(chosen, _tips(ring, samples, chosen))
     return tuple(
         Cut(
@@ -387,8 +386,8 @@ def _discs(ring: _Ring, samples: _Samples) -> _Parts:
 
 def _covered_by_rectangles(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.ndarray]:
     """Which rectangle runs along the outline at which sample, and how deep (m) it is there."""
-    some = [_covered_by_some(parts.take(index), samples) for index in parts.slices()]
-    return tuple(np.concatenate(both) for both in zip(*some, strict=True))
+    covers, depths = zip(*(_covered_by_some(parts.take(index), samples) for index in parts.slices()), strict=True)
+    return np.concatenate(covers), np.concatenate(depths)
 
 
 def _covered_by_some(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -421,14 +420,14 @@ def _covered_by_discs(parts: _Parts, samples: _Samples) -> tuple[np.ndarray, np.
 
 def _inner_points(ring: _Ring, samples: _Samples) -> Float[np.ndarray, "points 2"]:
     """Points a little inside the outline, and around its reflex corners."""
-    points = [samples.point[k::2] + samples.normal[k::2] * depth for k, depth in enumerate((0.7e-3, 2.5e-3))]
+    found = [samples.point[k::2] + samples.normal[k::2] * depth for k, depth in enumerate((0.7e-3, 2.5e-3))]
     for k in np.flatnonzero(ring.turn < -math.radians(5)):
         fan = np.linspace(0, 1, 5) * ring.turn[k]
         heading = math.atan2(*_left(ring.along[k - 1])[::-1])
-        points += [
+        found += [
             ring.vertex[k] + r * np.stack((np.cos(heading + fan), np.sin(heading + fan)), -1) for r in (1e-3, 3e-3)
         ]
-    points = np.concatenate(points)
+    points = np.concatenate(found)
     points = points[shapely.contains_xy(ring.polygon, *points.T)]
     return points[shapely.distance(ring.polygon.exterior, shapely.points(points)) > 0.6e-3]
 

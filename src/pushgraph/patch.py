@@ -70,15 +70,15 @@ def patch_of(bodies: Sequence[Body]) -> Patch:
     Raises SceneError if a mass is unknown, or a body's support cannot balance it.
     """
     spread = _spread_of(bodies)
-    points, weights = [spread.points], [spread.weights[:, [body.support is None for body in bodies]].sum(1)]
+    all_points, all_weights = [spread.points], [spread.weights[:, [body.support is None for body in bodies]].sum(1)]
     for k, body in enumerate(bodies):
         if body.support is not None:
             feet = pose.transform(np.array(body.pose_world_from_body, dtype=float), np.array(body.support, dtype=float))
             own = spread.weights[:, k]
             loads = _loads(feet, own @ spread.points / own.sum(), body.name)
-            points.append(feet)
-            weights.append(own.sum() * loads)
-    points, weights = np.concatenate(points), np.concatenate(weights)
+            all_points.append(feet)
+            all_weights.append(own.sum() * loads)
+    points, weights = np.concatenate(all_points), np.concatenate(all_weights)
     return Patch(points[weights > 0], weights[weights > 0])
 
 
@@ -89,7 +89,7 @@ def mass_properties(bodies: Sequence[Body]) -> MassProperties:
     """
     spread = _spread_of(bodies)
     patch = Patch(spread.points, spread.weights.sum(1))
-    mass = float(sum(body.mass for body in bodies))
+    mass = float(sum(body.mass or 0.0 for body in bodies))
     return MassProperties(mass, patch.centre, mass * float(np.trace(patch.second_moments)))
 
 
@@ -249,7 +249,8 @@ def _subdivided(
         middle = (a + b) / 2
         a, b, c = np.concatenate((a, middle)), np.concatenate((middle, b)), np.concatenate((c, c))
         kind = np.concatenate((kind, kind))
-    return tuple(np.concatenate(columns) for columns in zip(*done, strict=True))
+    small_triangles, kinds = zip(*done, strict=True)
+    return np.concatenate(small_triangles), np.concatenate(kinds)
 
 
 def _squares(vectors: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:

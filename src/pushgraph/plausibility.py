@@ -48,6 +48,9 @@ def simplifications(scene: Scene) -> list[str]:
         f"{_listed(still)} cannot move: predicted as bodies of great mass that are held in place, of which the "
         "networks have seen none"
     ] * bool(still)
+    supported = [body.name for body in scene.bodies if body.support is not None]
+    if supported:
+        taken.append(f"support of {_listed(supported)} is ignored: predicted bodies press on all of their outline")
     limited = [f"pushes[{index}]" for index, push in enumerate(scene.pushes) if push.force_limit is not None]
     if limited:
         taken.append(f"force_limit of {', '.join(limited[:MOST_NAMES])} is ignored: predicted pushers never stall")
@@ -172,7 +175,8 @@ def _unrest(track: Track, fallen: Iterable[str]) -> list[str]:
         return []
     change = (track.poses[-1] - track.poses[-2]) / (track.times[-1] - track.times[-2])
     said = []
-    for name, (x, y, yaw), seen in zip(track.scene.names, change[1:], track.seen[-2:, 1:].all(0), strict=True):
+    seen_last = (track.seen[-2] & track.seen[-1])[1:]
+    for name, (x, y, yaw), seen in zip(track.scene.names, change[1:], seen_last, strict=True):
         speed, spin = np.hypot(x, y), abs(yaw)
         if seen and name not in fallen and (speed > SPEED or spin > SPIN):
             said.append(

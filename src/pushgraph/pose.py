@@ -5,13 +5,14 @@
 """
 
 from types import ModuleType
+from typing import TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-Array = np.ndarray | Tensor
+Array = TypeVar("Array", np.ndarray, Tensor)
 
 
 def _namespace(array: Array) -> ModuleType:

@@ -69,7 +69,7 @@ def in_parts(scene: Scene) -> SceneInParts:
             )
 
     def nearest(pair: tuple[str, str]) -> tuple[str, str]:
-        indices = tuple(scene.names.index(name) for name in pair)
+        indices = scene.names.index(pair[0]), scene.names.index(pair[1])
         touch = contacts_of_bodies(parts, scene.poses_world_from_body, [indices])
         return names[int(touch.part_a[0])], names[int(touch.part_b[0])]
 

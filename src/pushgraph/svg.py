@@ -35,7 +35,7 @@ def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = Non
         units = ~svgelements.Matrix(drawing.viewbox_transform or "")
     except Exception as error:  # the parser raises whatever its XML and number readers raise
         raise SceneError(f"{file}: cannot read this drawing: {error}") from error
-    found = {}
+    found: dict[tuple[str, int], svgelements.Path] = {}
     for element in drawing.elements(lambda one: isinstance(one, svgelements.Shape)):
         for k, path in enumerate(abs(svgelements.Path(element) * units).as_subpaths()):
             path = svgelements.Path(path)

@@ -104,9 +104,9 @@ class Push(Record):
         if self.path is None:
             x, y = self.displacement
             return np.array([*self.start, self.yaw]) + np.array([[0.0, 0.0, 0.0], [x, y, self.rotation]])
-        poses = [(*self.start, self.yaw)]
+        poses = [[*self.start, self.yaw]]
         for point in self.path:
-            poses.append(point if len(point) == 3 else (*point, poses[-1][2]))
+            poses.append([*point] if len(point) == 3 else [*point, poses[-1][2]])
         return np.array(poses)
 
     def lengths(self, tool: Tool) -> Float[np.ndarray, " lines"]:
@@ -124,7 +124,7 @@ class Push(Record):
     @property
     def displacement(self) -> tuple[float, float]:
         """End minus start (m)."""
-        if self.direction is not None:
+        if self.direction is not None and self.distance is not None:
             return self.distance * math.cos(self.direction), self.distance * math.sin(self.direction)
-        end = self.end or self.path[-1]
+        end = self.path[-1] if self.path is not None else self.end or self.start
         return end[0] - self.start[0], end[1] - self.start[1]

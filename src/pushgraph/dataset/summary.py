@@ -79,7 +79,7 @@ def penetration(track: Track) -> Float[np.ndarray, " frames"]:
     deepest = np.zeros(len(track.times))
     down = np.flatnonzero(track.down)
     deepest[down] = -scene.tool_gaps(track.poses[down, 0], track.poses[down, 1:]).min(-1)
-    pairs = scene.pairs_apart
+    pairs = scene.pairs_that_collide
     if pairs:
         deepest = np.maximum(deepest, -scene.pair_gaps(pairs, track.poses[:, 1:]).min(-1))
     return np.maximum(deepest, 0.0)

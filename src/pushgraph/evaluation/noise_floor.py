@@ -52,13 +52,17 @@ def simulate_again(track: Track, frames: int, noise: StartNoise, rng: np.random.
 
 
 def disturb(scene: Scene, noise: StartNoise, rng: np.random.Generator) -> Scene:
-    """The scene with noise on every body's pose; joints keep their place in their parent.
+    """The scene with noise on every body's pose; joints keep their place in their parent, bodies of a rigid group to
+    each other, and fixed bodies theirs.
 
     Raises SceneError if bodies then overlap.
     """
     spread = np.array([noise.position, noise.position, noise.yaw])
     old = scene.poses_world_from_body
-    new = old + rng.normal(size=old.shape) * spread
+    new = old + rng.normal(size=old.shape) * spread * ~scene.immovable[:, None]
+    for group in scene.rigid_groups:
+        first, *others = (scene.names.index(name) for name in group)
+        new[others] = pose.compose(new[first], pose.relative(old[first], old[others]))
 
     def carried(joint: Joint) -> Joint:
         parent = scene.names.index(joint.parent)

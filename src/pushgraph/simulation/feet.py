@@ -76,10 +76,10 @@ def _friction(
 
 
 def _feet(patch: Patch, partings: tuple[int, ...]) -> Feet:
-    cells = [patch.weights]
+    parts = [patch.weights]
     for count in partings:
-        cells = [part for cell in cells for part in _parted(patch.points, cell, count)]
-    cells = np.array(cells)
+        parts = [part for cell in parts for part in _parted(patch.points, cell, count)]
+    cells = np.array(parts)
     weights = cells.sum(-1)
     points = cells @ patch.points / weights[:, None]
     distances = np.linalg.norm(patch.points - points[:, None], axis=-1)

@@ -21,7 +21,7 @@ from pushgraph import pose
 from pushgraph.body import ROBOT, Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.patch import MassProperties, mass_properties, patch_of
-from pushgraph.scene import Scene
+from pushgraph.scene import TRUSTED, Scene
 from pushgraph.shape import Cuboid, Cylinder, Pose
 from pushgraph.simulation.assembly import Assembly, assemble
 from pushgraph.simulation.feet import Feet, feet_of
@@ -105,7 +105,8 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
 
     Raises SimulationError if a mass or a friction is unknown.
     """
-    _check_known(scene)
+    frictions = _known_frictions(scene)
+    original, scene = scene, _in_order_of_names(scene)
     spec = _empty_spec()
     world = spec.worldbody
     world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=TABLE, conaffinity=0)
@@ -118,15 +119,16 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
             frames[piece] = _Frame(world.add_body(name=_piece_name(piece)), np.zeros(2))
         else:
             upper = _Frame(world, np.zeros(2)) if parent is None else frames[parent]
-            frames[piece] = _add_frame(upper, mass_properties(members), _piece_name(piece))
+            inertia = mass_properties(members)
+            frames[piece] = _add_frame(upper, inertia, _piece_name(piece))
             _add_joints(scene, assembly, piece, joint, frames[piece])
-            feet += _add_feet(scene, piece, members, frames[piece])
+            feet += _add_feet(piece, feet_of_piece(members), frames[piece], frictions.table * inertia.mass * GRAVITY)
         for body in assembly.pieces[piece].bodies:
-            _add_link(scene, body, frames[piece])
+            _add_link(scene, body, frames[piece], frictions.sides)
     for joint in assembly.loops:
         _close_loop(spec, scene, assembly, joint, frames)
     _exclude_contacts(spec, scene)
-    _add_robot(world, scene, clutch)
+    _add_robot(world, scene, clutch, frictions.sides)
     try:
         model = spec.compile()
     except ValueError as error:
@@ -140,7 +142,7 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     first_position, first_velocity = int(robot_joint.qposadr[0]), int(robot_joint.dofadr[0])
     return PlanarModel(
         mujoco=model,
-        links=links,
+        links=[links[scene.names.index(name)] for name in original.names],
         robot_position=slice(first_position, first_position + count),
         robot_velocity=slice(first_velocity, first_velocity + count),
         clutch=clutch,
@@ -161,6 +163,16 @@ def _piece_name(piece: int) -> str:
     return f"piece {piece}"
 
 
+def _in_order_of_names(scene: Scene) -> Scene:
+    """The same scene, however its bodies and joints were ordered: rounding must not depend on that."""
+    fields = {name: getattr(scene, name) for name in Scene.model_fields} | {
+        "bodies": sorted(scene.bodies, key=lambda body: body.name),
+        "joints": sorted(scene.joints, key=lambda joint: (joint.parent, joint.child)),
+        "rigid_groups": sorted(sorted(group) for group in scene.rigid_groups),
+    }
+    return Scene.model_validate(fields, context=TRUSTED)
+
+
 def _empty_spec() -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -178,20 +190,27 @@ def _empty_spec() -> mujoco.MjSpec:
     return spec
 
 
-def _check_known(scene: Scene) -> None:
+class _Frictions(NamedTuple):
+    table: float
+    sides: float
+
+
+def _known_frictions(scene: Scene) -> _Frictions:
+    """The frictions of a scene that says all that is needed."""
+    table, sides = scene.table.friction, scene.side_friction
     immovable = {body for piece in assemble(scene).pieces if piece.immovable for body in piece.bodies}
     unknown = [
         f"mass of body {body.name!r}"
         for index, body in enumerate(scene.bodies)
         if body.mass is None and index not in immovable
     ]
-    unknown += ["table.friction"] * (scene.table.friction is None)
-    unknown += ["side_friction"] * (scene.side_friction is None)
-    if unknown:
+    unknown += ["table.friction"] * (table is None) + ["side_friction"] * (sides is None)
+    if unknown or table is None or sides is None:
         raise SimulationError(
             f"the simulator needs every mass and friction; unknown: {', '.join(unknown)}. Give them, or use "
             "scene.with_nominal_values()"
         )
+    return _Frictions(table, sides)
 
 
 def _add_frame(parent: _Frame, inertia: MassProperties, name: str) -> _Frame:
@@ -237,13 +256,13 @@ def _add_joint(scene: Scene, joint: Joint, frame: _Frame, forward: bool) -> None
         frame.element.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[*(sign * axis), 0], **common)
 
 
-def _add_link(scene: Scene, body: int, frame: _Frame) -> None:
+def _add_link(scene: Scene, body: int, frame: _Frame, friction: float) -> None:
     """The sides of one body of a piece."""
     x, y, yaw = scene.poses_world_from_body[body]
     position = np.array([x, y]) - frame.position_world
     link = frame.element.add_body(name=link_name(body), pos=[*position, 0], quat=_about_z(yaw))
     for part in scene.bodies[body].shape.parts:
-        _add_side(link, part.shape, part.pose_body_from_part, scene.side_friction)
+        _add_side(link, part.shape, part.pose_body_from_part, friction)
 
 
 def _add_side(element: mujoco.MjsBody, shape: Cylinder | Cuboid, pose_in_element: Pose, friction: float) -> None:
@@ -264,9 +283,8 @@ def _add_side(element: mujoco.MjsBody, shape: Cylinder | Cuboid, pose_in_element
     )
 
 
-def _add_feet(scene: Scene, piece: int, members: list[Body], frame: _Frame) -> list[_Foot]:
-    feet = feet_of_piece(members)
-    weight = sum(body.mass for body in members) * GRAVITY
+def _add_feet(piece: int, feet: Feet, frame: _Frame, friction: float) -> list[_Foot]:
+    """Feet that bear a friction (N) together; they press once the model is compiled."""
     added = []
     for index, (point, share, radius) in enumerate(zip(feet.points, feet.weights, feet.radii, strict=True)):
         name = f"foot {piece} {index}"
@@ -283,7 +301,7 @@ def _add_feet(scene: Scene, piece: int, members: list[Body], frame: _Frame) -> l
             solref=[-FOOT_STIFFNESS * FOOT_IMPEDANCE, -FOOT_IMPEDANCE / TIMESTEP],
             solimp=_constant_impedance(FOOT_IMPEDANCE),
         )
-        added.append(_Foot(name, scene.table.friction * weight * float(share), float(radius)))
+        added.append(_Foot(name, friction * float(share), float(radius)))
     return added
 
 
@@ -351,7 +369,7 @@ def _exclude_contacts(spec: mujoco.MjSpec, scene: Scene) -> None:
             spec.add_exclude(bodyname1=ends[0], bodyname2=ends[1])
 
 
-def _add_robot(world: mujoco.MjsBody, scene: Scene, clutch: bool) -> None:
+def _add_robot(world: mujoco.MjsBody, scene: Scene, clutch: bool, friction: float) -> None:
     """The end-effector with its tool, lifted, never asleep: so heavy that no contact slows it.
 
     With a clutch, a carriage of that mass turns to where it is heading, and the tool slips against it along that.
@@ -374,7 +392,7 @@ def _add_robot(world: mujoco.MjsBody, scene: Scene, clutch: bool) -> None:
         )
     robot.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
     for part in scene.tool.parts:
-        _add_side(robot, part.shape, part.pose_tool_from_part, scene.side_friction)
+        _add_side(robot, part.shape, part.pose_tool_from_part, friction)
 
 
 def _constant_impedance(impedance: float) -> list[float]:
