@@ -74,9 +74,7 @@ def mirrored(scene: Scene) -> Scene:
             for b in scene.bodies
         ),
         joints=tuple(map(joint, scene.joints)),
-        tool=Tool(
-            parts=tuple(p.replace(pose_tool_from_part=point(p.pose_tool_from_part)) for p in scene.tool.parts)
-        ),
+        tool=Tool(parts=tuple(p.replace(pose_tool_from_part=point(p.pose_tool_from_part)) for p in scene.tool.parts)),
         pushes=tuple(map(push, scene.pushes)),
         table=scene.table.replace(pose_world_from_table=point(scene.table.pose_world_from_table)),
     )

@@ -39,7 +39,7 @@ def check(of: Scene) -> Assembly:
     found = assemble(of)
     bodies = [k for piece in found.pieces for k in piece.bodies]
     assert sorted(bodies) == list(range(len(of.bodies)))
-    assert [branch.piece for branch in found.branches].__len__() == len(found.pieces)
+    assert len(found.branches) == len(found.pieces)
     assert {branch.piece for branch in found.branches} == set(range(len(found.pieces)))
     placed: set[int] = set()
     for branch in found.branches:
@@ -51,10 +51,13 @@ def check(of: Scene) -> Assembly:
             ends = {found.piece_of[of.names.index(name)] for name in (branch.joint.parent, branch.joint.child)}
             assert ends == {branch.piece, branch.parent}
         placed.add(branch.piece)
+    ends_of = {
+        joint: {found.piece_of[of.names.index(name)] for name in (joint.parent, joint.child)} for joint in of.joints
+    }
     within = [
         joint
-        for joint in of.joints
-        if found.piece_of[of.names.index(joint.parent)] == found.piece_of[of.names.index(joint.child)]
+        for joint, ends in ends_of.items()
+        if len(ends) == 1 or all(found.pieces[piece].immovable for piece in ends)
     ]
     used = [branch.joint for branch in found.branches if branch.joint is not None]
     parted = [(joint.parent, joint.child) for joint in [*used, *found.loops, *within]]
@@ -127,3 +130,10 @@ def test_joints_between_bodies_that_other_joints_make_one_piece_are_left_out() -
     assert pieces(found, "abc") == {"abc"}
     assert found.loops == ()
     assert all(branch.joint is None for branch in found.branches)
+
+
+def test_joints_between_two_pieces_that_cannot_move_are_left_out() -> None:
+    found = check(scene("abcd", "afb", "bpc", "crd", fixed="ac"))
+    assert [piece.immovable for piece in found.pieces] == [True, True, False]
+    assert branches(found, "abcd") == ["ab", "c", "d<c"]
+    assert found.loops == ()

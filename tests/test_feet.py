@@ -106,7 +106,9 @@ def test_a_moved_piece_has_the_same_feet_in_its_own_frame(name: str, motion) -> 
     assert_same_feet(feet_of_piece(bodies), feet._replace(points=transform(inverse(motion), feet.points)), 1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="0.6 to 0.9 mm: each third of a cuboid's 16 rows of Gauss points is a little off")
+@pytest.mark.xfail(
+    strict=True, reason="0.6 to 0.9 mm: each third of a cuboid's 16 rows of Gauss points is a little off"
+)
 @pytest.mark.parametrize("cells", [2, 3, 10])
 @pytest.mark.parametrize("width", [0.02, 0.05])
 def test_a_bar_has_the_same_feet_as_one_or_as_cells(cells: int, width: float) -> None:

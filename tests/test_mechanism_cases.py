@@ -165,7 +165,11 @@ def test_a_slider_crank_moves_as_its_geometry_says(order, swapped: bool) -> None
 def test_a_loop_of_three_sliders_is_a_wedge(order) -> None:
     """B slides on a carriage that runs along x, and in a slot at 45 degrees: pushed along x, it goes along both."""
     square = Cuboid(size=(0.08, 0.08))
-    bodies = (body("frame", -0.2, -0.25, square).replace(fixed=True), body("a", 0, -0.15, square), body("b", 0, 0, square))
+    bodies = (
+        body("frame", -0.2, -0.25, square).replace(fixed=True),
+        body("a", 0, -0.15, square),
+        body("b", 0, 0, square),
+    )
     joints = (
         Joint(kind="prismatic", parent="frame", child="a", axis=(1, 0), limits=(-0.1, 0.1)),
         Joint(kind="prismatic", parent="a", child="b", axis=(0, 1), limits=(-0.1, 0.1)),
@@ -363,7 +367,8 @@ def test_a_robot_that_stalls_at_a_fixed_body_does_not_move_it() -> None:
 
 
 def test_what_is_jointed_to_something_fixed_turns_about_it() -> None:
-    bodies = (body("post", 0, 0, Cylinder(diameter=0.02), mass=None).replace(fixed=True), body("arm", 0.12, 0, Cuboid(size=(0.2, 0.02))))
+    post = body("post", 0, 0, Cylinder(diameter=0.02), mass=None).replace(fixed=True)
+    bodies = (post, body("arm", 0.12, 0, Cuboid(size=(0.2, 0.02))))
     joint = Joint(kind="revolute", parent="arm", child="post", anchor=(0, 0))
     track = simulate(
         Scene(bodies=bodies, joints=(joint,), tool=THIN, pushes=(Push(start=(0.15, -0.05), end=(0.15, 0.05)),))
@@ -372,3 +377,15 @@ def test_what_is_jointed_to_something_fixed_turns_about_it() -> None:
     assert np.hypot(*of(track, "arm")[:, :2].T) == pytest.approx(0.12, abs=1e-6)
     angle = math.atan2(0.05, 0.15) + math.asin(0.02 / math.hypot(0.05, 0.15))
     assert of(track, "arm")[-1, 2] == pytest.approx(angle, abs=math.radians(0.3))
+
+
+def test_a_joint_between_two_bodies_that_cannot_move_is_of_no_matter() -> None:
+    bodies = (
+        body("a", 0, 0, mass=None).replace(fixed=True),
+        body("b", 0.2, 0, mass=None),
+        body("c", 0.4, 0, mass=None).replace(fixed=True),
+    )
+    joints = (Joint(kind="fixed", parent="a", child="b"), Joint(kind="revolute", parent="b", child="c"))
+    push = Push(start=(0, -0.2), end=(0, -0.1))
+    track = simulate(Scene(bodies=bodies, joints=joints, tool=THIN, pushes=(push,)))
+    assert np.ptp(track.poses[:, 1:], axis=0).max() == 0

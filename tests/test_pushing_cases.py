@@ -94,7 +94,9 @@ def test_a_plate_of_5_mm_stays_before_a_flat_tool(x: float) -> None:
 def test_a_plate_of_3_mm_is_not_passed_at_any_speed(start: float, speed: float, turn: float) -> None:
     plate = body("plate", 0, 0, Cuboid(size=(0.003, 0.06)), mass=0.1)
     push = Push(start=(start, 0), end=(0.5, 0), speed=speed)
-    scene = Scene(bodies=(plate,), tool=flat_tool(0.01, 0.12), pushes=(push,), table=LARGE).moved(np.array([0, 0, turn]))
+    scene = Scene(bodies=(plate,), tool=flat_tool(0.01, 0.12), pushes=(push,), table=LARGE).moved(
+        np.array([0, 0, turn])
+    )
     right = 506.5 * np.array([math.cos(turn), math.sin(turn)])
     assert_near(moved_by(simulate(scene))[0], (*right, 0), 1.5, 0.3)
 
@@ -157,8 +159,9 @@ def test_cells_and_copies_of_a_bar_move_as_the_bar(cells: int, copies: int) -> N
 
 
 def pushed_tee(push: Push) -> Scene:
-    bar, stem = body("bar", 0, 0.015, Cuboid(size=(0.12, 0.03)), mass=0.4), body(
-        "stem", 0, 0.075, Cuboid(size=(0.03, 0.09)), mass=0.3
+    bar, stem = (
+        body("bar", 0, 0.015, Cuboid(size=(0.12, 0.03)), mass=0.4),
+        body("stem", 0, 0.075, Cuboid(size=(0.03, 0.09)), mass=0.3),
     )
     return Scene(bodies=(bar, stem), rigid_groups=(("bar", "stem"),), tool=Tool.round(0.03), pushes=(push,))
 
