@@ -11,7 +11,7 @@ MIXED := --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
-.PHONY: demo test lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe data clean
+.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe data clean
 
 install: $(VENV)/.installed
 
@@ -27,6 +27,10 @@ demo: install
 
 test: install lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+
+# What `make test` leaves out as slow, too.
+test-all: install lint
+	$(BIN)/python -m pytest -m "" --numprocesses 2 --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .

@@ -40,7 +40,7 @@ def assemble(scene: Scene) -> Assembly:
     """The pieces and trees of a scene. A loop is cut at the joint that a walk from its first piece meets last."""
     pieces = _pieces(scene)
     piece_of = {scene.names[body]: index for index, piece in enumerate(pieces) for body in piece.bodies}
-    joints = [joint for joint in scene.joints if piece_of[joint.parent] != piece_of[joint.child]]
+    joints = [joint for joint in scene.joints if _can_move(pieces, piece_of[joint.parent], piece_of[joint.child])]
     at_piece: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for index, joint in enumerate(joints):
         first, second = piece_of[joint.parent], piece_of[joint.child]
@@ -64,6 +64,11 @@ def assemble(scene: Scene) -> Assembly:
                     queue.append(Branch(other, branch.piece, joints[index]))
     loops = tuple(joint for index, joint in enumerate(joints) if index not in used)
     return Assembly(tuple(pieces), tuple(branches), loops)
+
+
+def _can_move(pieces: list[Piece], first: int, second: int) -> bool:
+    """Whether a joint between these pieces can move: they are two, and not both immovable."""
+    return first != second and not (pieces[first].immovable and pieces[second].immovable)
 
 
 def _pieces(scene: Scene) -> list[Piece]:

@@ -15,6 +15,8 @@ from pushgraph.patch import Patch
 
 PARTINGS = ((3, 2), (3, 3))
 """Into how many cells the patch is parted, and then each of them; the first that serves is taken, or the last."""
+FEW = 9
+"""A patch of no more points stands on these."""
 LARGEST_ERROR = 0.0245
 """Of friction, as `friction_error` has it."""
 SPIN = 0.75
@@ -35,7 +37,9 @@ class Feet(NamedTuple):
 
 
 def feet_of(patch: Patch) -> Feet:
-    """The feet of a patch. Those of its mirror image are their mirror images."""
+    """The feet of a patch: its own points, if they are few. Those of its mirror image are their mirror images."""
+    if len(patch.points) <= FEW:
+        return Feet(patch.points, patch.weights, np.zeros(len(patch.points)))
     for partings in PARTINGS:
         feet = _feet(patch, partings)
         if friction_error(feet, patch) <= LARGEST_ERROR:
@@ -68,7 +72,8 @@ def _friction(
 ) -> tuple[Float[np.ndarray, "centres 2"], Float[np.ndarray, " centres"]]:
     """Force on feet that turn about each centre, and torque about a point; their weight and the coefficient are 1."""
     x, y = np.moveaxis(feet.points - rotation_centres[:, None], -1, 0)
-    strength = feet.weights / np.sqrt(x**2 + y**2 + feet.radii**2)
+    # No foot that is itself the centre slides.
+    strength = feet.weights / np.maximum(np.sqrt(x**2 + y**2 + feet.radii**2), SAME)
     force_x, force_y = y * strength, -x * strength
     arm_x, arm_y = (feet.points - about).T
     torque = arm_x * force_y - arm_y * force_x - feet.radii**2 * strength

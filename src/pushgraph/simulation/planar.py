@@ -19,6 +19,8 @@ TRAVEL = 0.9e-3
 """No point of the tool moves farther in a step (m): it comes to lie so deep in what it meets, until that yields."""
 STALL = 1e-3
 """A pusher that lags so far behind (m), its force at its limit, waits until it is let on."""
+CATCH_UP = 0.02
+"""In about this time (s) a pusher that lags catches up, if its force suffices."""
 
 _DIVERGED = [
     int(warning)
@@ -133,25 +135,34 @@ class PlanarSimulation:
     def _driven_with_limit(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same for a tool that slips along its way where its force would pass the limit.
 
-        While it lags by more than STALL, what drives it waits.
+        What drives it goes faster while it lags, and is set back after each step; if it lags by more than STALL, to
+        where it was before the step.
         """
         model, data = self._model.mujoco, self._data
         step = FRAME / steps
-        pose, heading, time, slip = motion.pose(0.0), 0.0, 0.0, 0.0
+        pose, heading, time, slip, drive = motion.pose(0.0), 0.0, 0.0, 0.0, 0.0
         for _ in range(motion.frames):
             force = np.zeros(len(self._robot_force))
             for _ in range(steps):
-                time += step * (abs(slip) <= STALL)
-                velocity = (motion.pose(time) - pose) / step
-                if velocity[:2].any():
+                goes_on = abs(slip) <= STALL
+                velocity = (motion.pose(time + step) - pose) / step
+                speed = float(np.hypot(*velocity[:2]))
+                if speed:
                     heading = math.atan2(velocity[1], velocity[0])
-                slip_speed = self._robot_velocity[4]
+                along = np.array([math.cos(heading), math.sin(heading), 0.0])
+                catch_up = -slip / CATCH_UP
+                tool_speed = drive + self._robot_velocity[4]
+                drive = speed + catch_up
+                x, y, _ = drive * along
+                turning = velocity[2] * goes_on
                 self._robot_position[:] = (pose[0], pose[1], -LIFT_HEIGHT, heading, slip, pose[2] - heading)
-                self._robot_velocity[:] = (velocity[0], velocity[1], 0.0, 0.0, slip_speed, velocity[2])
+                self._robot_velocity[:] = (x, y, 0.0, 0.0, tool_speed - drive, turning)
                 mujoco.mj_step(model, data)
                 force += self._robot_force
-                pose, slip = motion.pose(time), self._robot_position[4]
-            yield pose + slip * np.array([math.cos(heading), math.sin(heading), 0.0]), force[[0, 1, -1]] / steps
+                time += step * goes_on
+                pose = motion.pose(time)
+                slip = self._robot_position[4] + step * (catch_up if goes_on else drive)
+            yield pose + slip * along, force[[0, 1, -1]] / steps
 
     def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
         """Positions of the robot's joints for poses of the tool, or their velocities; a clutch holds."""

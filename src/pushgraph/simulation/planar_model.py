@@ -32,8 +32,8 @@ TIMESTEP = 0.05 / 12
 CONTACT_HEIGHT = 0.05
 """At which the sides are cut (m); cylinders are spheres there."""
 ROBOT_MASS = 1e6
-LIMITED_MASS = 1.0
-"""Of the tool of a pusher with a force limit (kg)."""
+LIMITED_MASS = 0.1
+"""Of the tool of a pusher with a force limit (kg): light, so that its impact adds little to that force."""
 NO_LIMIT = 1e6
 """Force limit (N) of pushes that have none, in scenes where others do."""
 COPY_MASS = 0.01
@@ -42,8 +42,12 @@ TOLERANCE = 1e-16
 """Of the solver, as a share of the mean inertia: the robot's mass is in that, and must not hide the bodies'."""
 LIFT_HEIGHT = 20.0
 """Of the tool where it touches nothing (m); its joints are zero there."""
-SIDE_IMPEDANCE = 0.95
+SIDE_IMPEDANCE, ONSET_IMPEDANCE, ONSET = 0.99, 0.5, 3e-5
+"""Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again and
+again."""
+LIMIT_IMPEDANCE = 0.999
 LOOP_IMPEDANCE = 0.999
+CLUTCH_IMPEDANCE = 0.9999
 TANGENTIAL_STIFFNESS = 100.0
 """How much stiffer contacts are along a surface than across it: what sticks creeps so much less."""
 FOOT_RADIUS = 0.01
@@ -248,7 +252,12 @@ def _add_joint(scene: Scene, joint: Joint, frame: _Frame, forward: bool) -> None
     """
     anchor, axis, limits = scene.joint_frame(joint)
     sign = 1.0 if forward else -1.0
-    common = {"range": limits, "limited": 1, "solref_limit": [2 * TIMESTEP, 1.0]}
+    common = {
+        "range": limits,
+        "limited": 1,
+        "solref_limit": [2 * TIMESTEP, 1.0],
+        "solimp_limit": _constant_impedance(LIMIT_IMPEDANCE),
+    }
     if joint.kind == "revolute":
         offset = anchor - frame.position_world
         frame.element.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, sign], pos=[*offset, 0], **common)
@@ -279,7 +288,7 @@ def _add_side(element: mujoco.MjsBody, shape: Cylinder | Cuboid, pose_in_element
         condim=3,
         friction=[friction, 0, 0],
         solref=[2 * TIMESTEP, 1.0],
-        solimp=_constant_impedance(SIDE_IMPEDANCE),
+        solimp=[ONSET_IMPEDANCE, SIDE_IMPEDANCE, ONSET, 0.5, 2.0],
     )
 
 
@@ -388,7 +397,7 @@ def _add_robot(world: mujoco.MjsBody, scene: Scene, clutch: bool, friction: floa
             axis=[1, 0, 0],
             frictionloss=NO_LIMIT,
             solref_friction=[2 * TIMESTEP, 1.0],
-            solimp_friction=_constant_impedance(LOOP_IMPEDANCE),
+            solimp_friction=_constant_impedance(CLUTCH_IMPEDANCE),
         )
     robot.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
     for part in scene.tool.parts:
