@@ -1,5 +1,6 @@
 """Blocks: what is placed as one, such as a piece of several parts, a row of touching bodies, or a door in its frame."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,7 +9,6 @@ from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.body import Body, Joint
-from pushgraph.patch import area_shares
 from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, PlacedShape
 
@@ -54,16 +54,11 @@ class Block(NamedTuple):
         away = np.hypot(*self.poses_block_from_part[:, :2].T)
         return float(max(far + part.shape.reach for far, part in zip(away, self.parts, strict=True)))
 
-    @property
-    def areas_of_pieces(self) -> Float[np.ndarray, " pieces"]:
-        """Of each piece, what overlaps counted twice (m^2)."""
-        return np.bincount(self.pieces, [area_of(part.shape) for part in self.parts])
-
 
 def area_of(shape: Cylinder | Cuboid) -> float:
     """Seen from above (m^2)."""
     half_x, half_y, radius = shape.core
-    return np.pi * radius**2 if radius else 4 * half_x * half_y
+    return math.pi * radius**2 if radius else 4 * half_x * half_y
 
 
 def centred(parts: Sequence[PlacedShape]) -> tuple[PlacedShape, ...]:
@@ -79,28 +74,28 @@ def arrange(
     masses: Sequence[Sequence[float]],
     **fields: object,
 ) -> Scene:
-    """The scene of placed blocks, whose parts become its bodies; `masses` (kg) are those of each block's pieces."""
+    """The scene of placed blocks, whose parts become its bodies; `masses` (kg) are those of each block's parts."""
     bodies: list[Body] = []
     joints: list[Joint] = []
     groups: list[tuple[str, ...]] = []
     for block, place, own in zip(blocks, poses_world_from_block, masses, strict=True):
         names = [f"body{len(bodies) + k}" for k in range(len(block.parts))]
         poses = pose.compose(np.asarray(place, dtype=float), block.poses_block_from_part).tolist()
-        for piece, mass in enumerate(own):
-            members = [k for k, number in enumerate(block.pieces) if number == piece]
-            shares = area_shares(tuple(block.parts[k] for k in members)) if len(members) > 1 else [1.0]
-            for k, share in zip(members, shares, strict=True):
-                bodies.append(
-                    Body(
-                        name=names[k],
-                        shape=block.parts[k].shape,
-                        pose_world_from_body=tuple(poses[k]),
-                        mass=max(mass * float(share), LIGHTEST),
-                        fixed=piece in block.fixed,
-                    )
+        for name, part, pose_world_from_part, mass, piece in zip(
+            names, block.parts, poses, own, block.pieces, strict=True
+        ):
+            bodies.append(
+                Body(
+                    name=name,
+                    shape=part.shape,
+                    pose_world_from_body=tuple(pose_world_from_part),
+                    mass=max(mass, LIGHTEST),
+                    fixed=piece in block.fixed,
                 )
-            if len(members) > 1:
-                groups.append(tuple(names[k] for k in members))
+            )
+        for piece in sorted(set(block.pieces)):
+            members = tuple(name for name, number in zip(names, block.pieces, strict=True) if number == piece)
+            groups += [members] * (len(members) > 1)
         joints += [_joint_in_world(joint, names, np.asarray(place, dtype=float)) for joint in block.joints]
     return Scene(bodies=tuple(bodies), joints=tuple(joints), rigid_groups=tuple(groups), **fields)
 

@@ -10,11 +10,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pushgraph.patch import area_shares
 from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cylinder
 from pushgraph.simulation.aiming import Way
 from pushgraph.simulation.articulation import draw_joints, place_anywhere
-from pushgraph.simulation.block import Block, arrange
+from pushgraph.simulation.block import Block, area_of, arrange
 from pushgraph.simulation.linkages import draw_door, draw_drawer, draw_ring, draw_slider_crank, draw_walls
 from pushgraph.simulation.outlines import (
     draw_bar,
@@ -100,14 +101,14 @@ def pieces(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Pieces of 2 to 40 parts: bars of cells, L, T, crosses, hammers, clusters; some single bodies."""
     size = log_uniform(rng, 0.06, 0.3)
     blocks: list[Block] = []
-    for factor in _factors(rng, objects):
+    for factor in _factors(rng, int(rng.integers(1, objects + 1))):
         left = MOST_BODIES - sum(len(block.parts) for block in blocks)
         if left < 2:
             break
         if rng.random() < 0.25:
             blocks.append(Block.of(draw_shape(rng, 0.6 * size * factor)))
             continue
-        piece = draw_composite(rng, size * factor, round(log_uniform(rng, 2, min(left, 40))))
+        piece = draw_composite(rng, size * factor, round(log_uniform(rng, 2.0, float(left))))
         if len(piece.parts) <= left:
             blocks.append(piece)
     scene = _scene(rng, blocks or [draw_composite(rng, size, 8)], density, size)
@@ -118,7 +119,7 @@ def polygons(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Polygons, cut into the parts that networks know; some other bodies."""
     size = log_uniform(rng, 0.04, 0.3)
     blocks: list[Block] = []
-    for factor in _factors(rng, objects):
+    for factor in _factors(rng, int(rng.integers(1, objects + 1))):
         left = MOST_BODIES - sum(len(block.parts) for block in blocks)
         if left < 10:
             break
@@ -157,7 +158,7 @@ def walls(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     for _ in range(int(rng.integers(1, 4))):
         fixture = (draw_walls, draw_door, draw_drawer)[rng.integers(3)]
         blocks.append(fixture(rng, size * float(rng.uniform(1.0, 2.0))))
-    blocks += _bodies(rng, objects, size, (0.6, 1.5))
+    blocks += _bodies(rng, min(objects, 24), size, (0.6, 1.5))
     scene = _scene(rng, blocks, density, size, even=True)
     heaviest = max(body.mass for body in scene.bodies if not body.fixed)
     force = scene.table.friction * heaviest * GRAVITY * float(rng.uniform(3.0, 8.0))
@@ -169,7 +170,7 @@ def rows(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     count = int(rng.integers(3, 21))
     size = log_uniform(rng, 0.02, 0.12)
     blocks = [Block.loose(row_of_bodies(rng, size, count))]
-    blocks += _bodies(rng, min(objects // 2, MOST_BODIES - count), size)
+    blocks += _bodies(rng, min(objects // 2, 20), size)
     tool = draw_blade(rng, 0.5 * size, 4 * size)
     scene = _scene(rng, blocks, density, size, tool=tool, even=True)
     first, last = (scene.poses_world_from_body[k, :2] for k in (0, count - 1))
@@ -292,8 +293,8 @@ def _scene(
 ) -> Scene:
     """A scene of blocks of about this size (m), with all that a kind does not settle.
 
-    anywhere: share of scenes whose joints sit anywhere. even: whether masses go with area. margin: how much wider the
-    table is on each side (m).
+    anywhere: share of scenes whose joints sit anywhere. even: whether all masses go with area. margin: how much wider
+    the table is on each side (m).
     """
     scale = size / PAPER_SIZE
     gap = (NEIGHBOUR_GAP[0], min(NEIGHBOUR_GAP[1], max(0.004, NEIGHBOUR_GAP[1] * scale)))
@@ -326,23 +327,32 @@ def _half_width(blocks: Sequence[Block]) -> float:
 
 
 def _draw_masses(rng: np.random.Generator, blocks: Sequence[Block], scale: float, even: bool) -> list[list[float]]:
-    """Masses of the pieces of each block (kg), those of bodies of the paper's size times the scale's square."""
-    counts = [len(set(block.pieces)) for block in blocks]
-    total = sum(counts)
+    """Masses of the parts of each block (kg), those of bodies of the paper's size times the scale's square.
+
+    Pieces come with their mass evenly spread, or unevenly over their parts. even: whether all masses go with area.
+    """
     kind = 3 if even else rng.integers(4)
+    uneven = not even and rng.random() < 0.5
+    mass_per_area = log_uniform(rng, 20.0, 500.0)
+    masses = []
+    for block in blocks:
+        own = np.zeros(len(block.parts))
+        for piece in sorted(set(block.pieces)):
+            members = np.flatnonzero(np.array(block.pieces) == piece)
+            shapes = [block.parts[k] for k in members]
+            area = sum(area_of(part.shape) for part in shapes)
+            mass = mass_per_area * area if kind == 3 else scale**2 * _draw_mass(rng, int(kind))
+            shares = area_shares(tuple(shapes)) if len(shapes) > 1 else np.ones(1)
+            if uneven:
+                shares = shares * np.exp(rng.normal(0.0, 1.0, len(shares)))
+            own[members] = mass * shares / shares.sum()
+        masses.append(own.tolist())
+    return masses
+
+
+def _draw_mass(rng: np.random.Generator, kind: int) -> float:
     if kind == 0:
-        masses = rng.uniform(*MASS, total)
-    elif kind == 1:
-        masses = np.exp(rng.uniform(math.log(0.2), math.log(10.0), total))
-    elif kind == 2:
-        low, high = np.array(MASS_CLASSES)[rng.integers(len(MASS_CLASSES), size=total)].T
-        masses = rng.uniform(low, high)
-    else:
-        areas = np.concatenate([block.areas_of_pieces for block in blocks])
-        density = log_uniform(rng, 20.0, 500.0)
-        return _by_block(np.maximum(density * areas, 0.001), counts)
-    return _by_block(np.maximum(masses * scale**2, 0.001), counts)
-
-
-def _by_block(values: np.ndarray, counts: Sequence[int]) -> list[list[float]]:
-    return [part.tolist() for part in np.split(values, np.cumsum(counts)[:-1])]
+        return float(rng.uniform(*MASS))
+    if kind == 1:
+        return log_uniform(rng, 0.2, 10.0)
+    return float(rng.uniform(*MASS_CLASSES[rng.integers(len(MASS_CLASSES))]))
