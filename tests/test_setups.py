@@ -102,7 +102,7 @@ def test_gaps_tell_nothing_about_joints(paper_plans: list[Plan]) -> None:
 def plans_of_kinds() -> dict[str, list[Plan]]:
     """Eight plans of every kind."""
     plans = {kind: [] for kind in KINDS}
-    for plan in draw_plans(varied, 8 * len(KINDS)):
+    for plan in draw_plans(varied, 8 * len(KINDS), objects=4):
         plans[plan.kind].append(plan)
     return plans
 
@@ -142,7 +142,7 @@ def test_the_mixture_covers_what_a_scene_may_say(varied_plans: list[Plan]) -> No
     assert covers([widest(body.shape) for body in bodies], 0.015, 0.45)
     assert covers([narrowest(body.shape) for body in bodies], 0.0045, 0.4)
     assert max(widest(body.shape) / narrowest(body.shape) for body in bodies) > 9
-    assert covers([plan.style.speed for plan in varied_plans], 0.004, 0.9)
+    assert covers([plan.style.speed for plan in varied_plans], 0.004, 0.8)
     parts = [part.shape for scene in scenes for part in scene.tool.parts]
     assert covers([widest(shape) for shape in parts], 0.005, 0.4)
     assert min(narrowest(shape) for shape in parts) < 0.004
@@ -181,12 +181,12 @@ def test_gaps_of_the_mixture_tell_nothing_about_joints() -> None:
     from scipy.stats import ks_2samp
 
     joined, unjoined = [], []
-    for seed in range(40):
+    for seed in range(30):
         scene = KINDS["frictions"](np.random.default_rng(seed), 6, "dense").scene
         pairs = {frozenset((joint.parent, joint.child)) for joint in scene.joints}
         for pair, gap in neighbour_gaps(scene).items():
             (joined if frozenset(pair) in pairs else unjoined).append(gap)
-    assert min(len(joined), len(unjoined)) > 80
+    assert min(len(joined), len(unjoined)) > 60
     assert ks_2samp(joined, unjoined).pvalue > 1e-3
 
 
@@ -323,10 +323,11 @@ def test_joints_never_close_a_cycle_with_rigid_groups() -> None:
 
 
 def test_a_mixture_of_sizes_draws_all_of_them() -> None:
-    papers = [plan for plan in draw_plans(planar_mixed, 80) if plan.kind == "paper"]
-    assert {len(plan.scene.bodies) for plan in papers} == {6, 7, 8, 9}
-    papers = [plan for plan in draw_plans(planar_mixed, 6, objects=4) if plan.kind == "paper"]
-    assert {len(plan.scene.bodies) for plan in papers} == {4}
+    def paper(rng: np.random.Generator, objects: int, index: int) -> Plan:
+        return planar_mixed(rng, objects, 4 * index)
+
+    assert {len(plan.scene.bodies) for plan in draw_plans(paper, 20)} == {6, 7, 8, 9}
+    assert {len(plan.scene.bodies) for plan in draw_plans(paper, 3, objects=4)} == {4}
 
 
 def test_an_unknown_setup_is_refused_with_the_valid_ones() -> None:

@@ -14,20 +14,20 @@ Stroke = tuple[float, float, float, float, float]
 """A bar from x, y to x, y, and its width, all as shares of the size of what it is part of."""
 
 STROKES: dict[str, Callable[[float, float], list[Stroke]]] = {
-    "bar": lambda width, _: [(-0.5, 0, 0.5, 0, width)],
-    "L": lambda width, leg: [(-0.5, 0, 0.5, 0, width), (-0.5 + width / 2, 0, -0.5 + width / 2, leg, width)],
-    "T": lambda width, leg: [(-0.5, 0, 0.5, 0, width), (0, 0, 0, -leg, width)],
-    "cross": lambda width, leg: [(-0.5, 0, 0.5, 0, width), (0, -leg / 2, 0, leg / 2, width)],
-    "hammer": lambda width, leg: [(0, 0, 0, -1, 0.6 * width), (-leg / 2, 0, leg / 2, 0, 1.4 * width)],
+    "bar": lambda width, _: [(-0.5, 0.0, 0.5, 0.0, width)],
+    "L": lambda width, leg: [(-0.5, 0.0, 0.5, 0.0, width), (-0.5 + width / 2.0, 0.0, -0.5 + width / 2.0, leg, width)],
+    "T": lambda width, leg: [(-0.5, 0.0, 0.5, 0.0, width), (0.0, 0.0, 0.0, -leg, width)],
+    "cross": lambda width, leg: [(-0.5, 0.0, 0.5, 0.0, width), (0.0, -leg / 2.0, 0.0, leg / 2.0, width)],
+    "hammer": lambda width, leg: [(0.0, 0.0, 0.0, -1.0, 0.6 * width), (-leg / 2.0, 0.0, leg / 2.0, 0.0, 1.4 * width)],
     "U": lambda width, leg: [
-        (-0.5, 0, 0.5, 0, width),
-        (-0.5 + width / 2, 0, -0.5 + width / 2, leg, width),
-        (0.5 - width / 2, 0, 0.5 - width / 2, leg, width),
+        (-0.5, 0.0, 0.5, 0.0, width),
+        (-0.5 + width / 2.0, 0.0, -0.5 + width / 2.0, leg, width),
+        (0.5 - width / 2.0, 0.0, 0.5 - width / 2.0, leg, width),
     ],
     "Z": lambda width, leg: [
-        (-0.5, 0, 0.5, 0, width),
-        (-0.5 + width / 2, 0, -0.5 + width / 2, leg, width),
-        (0.5 - width / 2, 0, 0.5 - width / 2, -leg, width),
+        (-0.5, 0.0, 0.5, 0.0, width),
+        (-0.5 + width / 2.0, 0.0, -0.5 + width / 2.0, leg, width),
+        (0.5 - width / 2.0, 0.0, 0.5 - width / 2.0, -leg, width),
     ],
 }
 """Outlines of bars, given the width of one and the length of the shorter ones, as shares of their size."""
