@@ -140,7 +140,7 @@ def test_the_mixture_covers_what_a_scene_may_say(varied_plans: list[Plan]) -> No
     assert all(body.mass >= 0.001 for body in bodies)
     assert covers([body.mass for body in bodies], 0.01, 20.0)
     assert covers([widest(body.shape) for body in bodies], 0.015, 0.45)
-    assert covers([narrowest(body.shape) for body in bodies], 0.0045, 0.4)
+    assert covers([narrowest(body.shape) for body in bodies], 0.0045, 0.25)
     assert max(widest(body.shape) / narrowest(body.shape) for body in bodies) > 9
     assert covers([plan.style.speed for plan in varied_plans], 0.004, 0.8)
     parts = [part.shape for scene in scenes for part in scene.tool.parts]
@@ -155,18 +155,22 @@ def test_the_mixture_covers_what_a_scene_may_say(varied_plans: list[Plan]) -> No
     assert max(len(scene.bodies) for scene in scenes) <= MOST_BODIES
 
 
-def test_joints_sit_anywhere_but_can_move(plans_of_kinds: dict[str, list[Plan]]) -> None:
-    joints = [joint for plan in plans_of_kinds["joints"] for joint in plan.scene.joints if joint.kind != "fixed"]
-    spans = {kind: [j.limits[1] - j.limits[0] for j in joints if j.kind == kind and j.limits] for kind in
-             ("revolute", "prismatic")}  # fmt: skip
-    assert min(map(len, spans.values())) > 4
-    assert covers(spans["revolute"], 0.5, 1.5)
-    assert min(spans["revolute"]) > 0.04
-    assert max(spans["prismatic"]) > 0.02
-    for plan in plans_of_kinds["joints"]:
-        poses = plan.scene.poses_world_from_body
-        away = [np.abs(poses[:, :2] - joint.anchor).max() for joint in plan.scene.joints if joint.anchor]
-        assert all(distance < 2.0 for distance in away)
+def test_joints_sit_anywhere_but_can_move() -> None:
+    spans = {"revolute": [], "prismatic": []}
+    off_the_line = []
+    for seed in range(8):
+        scene = KINDS["joints"](np.random.default_rng(seed), 7, "dense").scene
+        for joint in scene.joints:
+            if joint.limits:
+                spans[joint.kind].append(joint.limits[1] - joint.limits[0])
+            if joint.axis:
+                ends = [scene.names.index(name) for name in (joint.parent, joint.child)]
+                x, y = np.subtract(*scene.poses_world_from_body[ends, :2])
+                off_the_line.append(abs(x * joint.axis[1] - y * joint.axis[0]) / np.hypot(x, y))
+    assert covers(spans["revolute"], 0.4, 1.5)
+    assert min(spans["revolute"]) >= 0.05
+    assert covers(spans["prismatic"], 0.015, 0.04)
+    assert max(off_the_line) > 0.8
 
 
 def test_training_reads_every_kind(varied_plans: list[Plan]) -> None:
@@ -315,7 +319,7 @@ def test_a_drawn_track_is_what_its_scene_simulates_to() -> None:
 
 def test_joints_never_close_a_cycle_with_rigid_groups() -> None:
     rng = np.random.default_rng(0)
-    for plan in draw_plans(varied, 10):
+    for plan in draw_plans(varied, 6, objects=6):
         bare = plan.scene.replace(joints=())
         for _ in range(3):
             joints = draw_joints(rng, bare)

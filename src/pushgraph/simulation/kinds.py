@@ -6,16 +6,13 @@ polygons counted: datasets are padded to the largest scene.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from pushgraph.patch import area_shares
-from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cylinder
 from pushgraph.simulation.aiming import Way
-from pushgraph.simulation.articulation import draw_joints, place_anywhere
-from pushgraph.simulation.block import Block, area_of, arrange
+from pushgraph.simulation.block import Block
 from pushgraph.simulation.linkages import draw_door, draw_drawer, draw_ring, draw_slider_crank, draw_walls
 from pushgraph.simulation.outlines import (
     draw_bar,
@@ -27,42 +24,24 @@ from pushgraph.simulation.outlines import (
     ring_of_discs,
     row_of_bodies,
 )
-from pushgraph.simulation.placement import NEIGHBOUR_GAP, place_cluster, place_clusters
 from pushgraph.simulation.plan import Density, Plan
-from pushgraph.simulation.pushers import (
-    GRAVITY,
-    draw_blade,
-    draw_composite_tool,
-    draw_probe,
-    draw_style,
-    draw_tool,
-)
+from pushgraph.simulation.pushers import GRAVITY, draw_blade, draw_composite_tool, draw_probe, draw_style
+from pushgraph.simulation.scenery import PAPER_SIZE, draw_scene
 from pushgraph.tool import Tool
 
 MOST_BODIES = 40
-PAPER_SIZE = 0.117
-"""Mean size of the paper's bodies (m)."""
 SIZE = (0.02, 0.30)
 """Size of a scene's bodies (m), times a factor for each."""
 FACTOR = (0.5, 2.0)
-TABLE_FRICTION = (0.05, 1.5)
-SIDE_FRICTION = (0.0, 1.0)
-MASS = (0.2, 1.0)
-MASS_CLASSES = ((0.2, 0.5), (1.0, 2.0), (8.0, 10.0))
-TABLE_SIDE = 2.0
-"""Of the table (m), larger for more than a dozen objects, or larger ones."""
-
-
-def table_side(objects: int) -> float:
-    """Of a table (m) for so many objects of the paper's size."""
-    return max(TABLE_SIDE, 0.55 * math.sqrt(objects))
+CRUSHING = 150.0
+"""A pusher that accelerates the lightest body like this (m/s^2) would press it deep into a wall."""
 
 
 def frictions(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Bodies of the paper's size, both frictions near the ends of their ranges."""
     table = log_uniform(rng, 0.05, 0.15) if rng.random() < 0.5 else log_uniform(rng, 0.6, 1.5)
     side = rng.uniform(0.0, 0.1) if rng.random() < 0.5 else rng.uniform(0.5, 1.0)
-    scene = _scene(
+    scene = draw_scene(
         rng, _bodies(rng, objects, PAPER_SIZE, (0.7, 1.4)), density, PAPER_SIZE, frictions=(table, float(side))
     )
     return Plan(scene, density, draw_style(rng, scene, PAPER_SIZE))
@@ -71,7 +50,7 @@ def frictions(rng: np.random.Generator, objects: int, density: Density) -> Plan:
 def sizes(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Bodies of 1 to 60 cm."""
     size = log_uniform(rng, *SIZE)
-    scene = _scene(rng, _bodies(rng, objects, size), density, size)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -82,7 +61,7 @@ def plates(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         Block.of(draw_plate(rng, size * factor) if rng.random() < 0.7 else draw_shape(rng, size * factor))
         for factor in _factors(rng, objects)
     ]
-    scene = _scene(rng, blocks, density, size)
+    scene = draw_scene(rng, blocks, density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -93,7 +72,7 @@ def bars(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         Block.of(draw_bar(rng, size * factor) if rng.random() < 0.8 else draw_shape(rng, 0.5 * size * factor))
         for factor in _factors(rng, objects)
     ]
-    scene = _scene(rng, blocks, density, size)
+    scene = draw_scene(rng, blocks, density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -111,7 +90,7 @@ def pieces(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         piece = draw_composite(rng, size * factor, round(log_uniform(rng, 2.0, float(left))))
         if len(piece.parts) <= left:
             blocks.append(piece)
-    scene = _scene(rng, blocks or [draw_composite(rng, size, 8)], density, size)
+    scene = draw_scene(rng, blocks or [draw_composite(rng, size, 8)], density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -127,7 +106,7 @@ def polygons(rng: np.random.Generator, objects: int, density: Density) -> Plan:
             blocks.append(Block.of(draw_shape(rng, size * factor)))
         else:
             blocks.append(draw_cut_polygon(rng, size * factor, min(left, 20)))
-    scene = _scene(rng, blocks, density, size)
+    scene = draw_scene(rng, blocks, density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -147,7 +126,7 @@ def rings(rng: np.random.Generator, objects: int, density: Density) -> Plan:
             parts.append(parts[0]._replace(shape=Cylinder(diameter=inner), pose_body_from_part=(0.0, 0.0, 0.0)))
         blocks.append(Block.loose(parts))
     blocks += [Block.of(Cylinder(diameter=0.4 * size * factor)) for factor in _factors(rng, min(objects, 10))]
-    scene = _scene(rng, blocks, density, size)
+    scene = draw_scene(rng, blocks, density, size)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -159,9 +138,10 @@ def walls(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         fixture = (draw_walls, draw_door, draw_drawer)[rng.integers(3)]
         blocks.append(fixture(rng, size * float(rng.uniform(1.0, 2.0))))
     blocks += _bodies(rng, min(objects, 24), size, (0.6, 1.5))
-    scene = _scene(rng, blocks, density, size, even=True)
-    heaviest = max(body.mass for body in scene.bodies if not body.fixed)
-    force = scene.table.friction * heaviest * GRAVITY * float(rng.uniform(3.0, 8.0))
+    scene = draw_scene(rng, blocks, density, size, even=True)
+    masses = [body.mass for body in scene.bodies if not body.fixed]
+    force = scene.table.friction * max(masses) * GRAVITY * float(rng.uniform(3.0, 8.0))
+    force = min(force, CRUSHING * min(masses))
     return Plan(scene, density, draw_style(rng, scene, size, (0.02, 0.3), rotation=0.0, force_limit=force))
 
 
@@ -172,7 +152,7 @@ def rows(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     blocks = [Block.loose(row_of_bodies(rng, size, count))]
     blocks += _bodies(rng, min(objects // 2, 20), size)
     tool = draw_blade(rng, 0.5 * size, 4 * size)
-    scene = _scene(rng, blocks, density, size, tool=tool, even=True)
+    scene = draw_scene(rng, blocks, density, size, tool=tool, even=True)
     first, last = (scene.poses_world_from_body[k, :2] for k in (0, count - 1))
     along = math.atan2(*(last - first)[::-1])
     return Plan(scene, density, draw_style(rng, scene, size, square=True, along=along, rotation=0.0))
@@ -184,7 +164,7 @@ def joints(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     blocks = _bodies(rng, objects, size, (0.7, 1.4))
     if objects > 3 and rng.random() < 0.3:
         blocks[:2] = [draw_composite(rng, 1.5 * size, int(rng.integers(2, 7)))]
-    scene = _scene(rng, blocks, density, size, anywhere=1.0)
+    scene = draw_scene(rng, blocks, density, size, anywhere=1.0)
     return Plan(scene, density, draw_style(rng, scene, size))
 
 
@@ -198,7 +178,7 @@ def loops(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         else:
             blocks.append(draw_ring(rng, size, int(rng.integers(4, 9))))
     blocks += _bodies(rng, min(objects // 2, 8), 0.3 * size)
-    scene = _scene(rng, blocks, density, 0.4 * size, anywhere=0.5)
+    scene = draw_scene(rng, blocks, density, 0.4 * size, anywhere=0.5)
     return Plan(scene, density, draw_style(rng, scene, 0.4 * size))
 
 
@@ -214,7 +194,7 @@ def tools(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         tool = draw_composite_tool(rng, log_uniform(rng, 0.3, 1.5))
     else:
         tool = Tool.round(log_uniform(rng, 0.01, 0.4))
-    scene = _scene(rng, _bodies(rng, objects, size), density, size, tool=tool)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size, tool=tool)
     square = kind == 1 and rng.random() < 0.5
     return Plan(scene, density, draw_style(rng, scene, size, square=bool(square)))
 
@@ -222,31 +202,31 @@ def tools(rng: np.random.Generator, objects: int, density: Density) -> Plan:
 def fast(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Pushes at 0.4 to 1 m/s, after which bodies slide on; rests until they have stopped."""
     size = log_uniform(rng, 0.05, 0.2)
-    scene = _scene(rng, _bodies(rng, objects, size), density, size, margin=2.0)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size, margin=2.0)
     return Plan(scene, density, draw_style(rng, scene, size, (0.4, 1.0)))
 
 
 def slow(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Short pushes at 2 to 20 mm/s."""
     size = log_uniform(rng, 0.02, 0.15)
-    scene = _scene(rng, _bodies(rng, objects, size), density, size)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size)
     return Plan(scene, density, draw_style(rng, scene, size, (0.002, 0.02)))
 
 
 def corners(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Pushes at corners and past edges."""
     size = log_uniform(rng, 0.04, 0.2)
-    scene = _scene(rng, _bodies(rng, objects, size), density, size)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size)
     return Plan(scene, density, draw_style(rng, scene, size, grazes=True))
 
 
 def paths(rng: np.random.Generator, objects: int, density: Density) -> Plan:
     """Pushes out and back again, and along way-points."""
     size = log_uniform(rng, 0.04, 0.2)
-    scene = _scene(rng, _bodies(rng, objects, size), density, size)
+    scene = draw_scene(rng, _bodies(rng, objects, size), density, size)
     style = draw_style(rng, scene, size, (0.05, 0.5))
     ways: tuple[Way, ...] = ("straight", "back", "bent", "bent")
-    return Plan(scene, density, style._replace(distance=0.7 * style.distance, ways=ways))
+    return Plan(scene, density, style._replace(distance=0.55 * style.distance, ways=ways))
 
 
 KINDS: dict[str, Callable[[np.random.Generator, int, Density], Plan]] = {
@@ -278,81 +258,3 @@ def _factors(rng: np.random.Generator, count: int, bounds: tuple[float, float] =
 
 def _bodies(rng: np.random.Generator, count: int, size: float, factors: tuple[float, float] = FACTOR) -> list[Block]:
     return [Block.of(draw_shape(rng, size * factor)) for factor in _factors(rng, count, factors)]
-
-
-def _scene(
-    rng: np.random.Generator,
-    blocks: Sequence[Block],
-    density: Density,
-    size: float,
-    tool: Tool | None = None,
-    frictions: tuple[float, float] | None = None,
-    anywhere: float = 0.25,
-    even: bool = False,
-    margin: float = 0.0,
-) -> Scene:
-    """A scene of blocks of about this size (m), with all that a kind does not settle.
-
-    anywhere: share of scenes whose joints sit anywhere. even: whether all masses go with area. margin: how much wider
-    the table is on each side (m).
-    """
-    scale = size / PAPER_SIZE
-    gap = (NEIGHBOUR_GAP[0], min(NEIGHBOUR_GAP[1], max(0.004, NEIGHBOUR_GAP[1] * scale)))
-    if density == "dense":
-        poses = place_cluster(rng, blocks, gap)
-    else:
-        poses = place_clusters(rng, blocks, _half_width(blocks), gap)
-    extent = float(max(np.abs(poses[:, :2]).max(1) + [block.reach for block in blocks]))
-    tool = tool or draw_tool(rng, min(scale, 2.0))
-    side = max(TABLE_SIDE, 2 * (extent + 3.5 * size + 2 * tool.reach + 0.4 + margin))
-    table = log_uniform(rng, *TABLE_FRICTION), float(rng.uniform(*SIDE_FRICTION))
-    table_friction, side_friction = frictions or table
-    scene = arrange(
-        blocks,
-        poses,
-        _draw_masses(rng, blocks, scale, even),
-        table=Table(size=(side, side), friction=table_friction),
-        side_friction=side_friction,
-        tool=tool,
-    )
-    joined = draw_joints(rng, scene, gap[1])
-    if rng.random() < anywhere:
-        joined = tuple(place_anywhere(rng, scene, joint) for joint in joined)
-    return scene.replace(joints=scene.joints + joined)
-
-
-def _half_width(blocks: Sequence[Block]) -> float:
-    """Of a square that has room for clusters of some blocks (m)."""
-    return 1.3 * math.sqrt(sum((block.reach + 0.03) ** 2 for block in blocks))
-
-
-def _draw_masses(rng: np.random.Generator, blocks: Sequence[Block], scale: float, even: bool) -> list[list[float]]:
-    """Masses of the parts of each block (kg), those of bodies of the paper's size times the scale's square.
-
-    Pieces come with their mass evenly spread, or unevenly over their parts. even: whether all masses go with area.
-    """
-    kind = 3 if even else rng.integers(4)
-    uneven = not even and rng.random() < 0.5
-    mass_per_area = log_uniform(rng, 20.0, 500.0)
-    masses = []
-    for block in blocks:
-        own = np.zeros(len(block.parts))
-        for piece in sorted(set(block.pieces)):
-            members = np.flatnonzero(np.array(block.pieces) == piece)
-            shapes = [block.parts[k] for k in members]
-            area = sum(area_of(part.shape) for part in shapes)
-            mass = mass_per_area * area if kind == 3 else scale**2 * _draw_mass(rng, int(kind))
-            shares = area_shares(tuple(shapes)) if len(shapes) > 1 else np.ones(1)
-            if uneven:
-                shares = shares * np.exp(rng.normal(0.0, 1.0, len(shares)))
-            own[members] = mass * shares / shares.sum()
-        masses.append(own.tolist())
-    return masses
-
-
-def _draw_mass(rng: np.random.Generator, kind: int) -> float:
-    if kind == 0:
-        return float(rng.uniform(*MASS))
-    if kind == 1:
-        return log_uniform(rng, 0.2, 10.0)
-    return float(rng.uniform(*MASS_CLASSES[rng.integers(len(MASS_CLASSES))]))

@@ -14,10 +14,11 @@ from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
 from pushgraph.simulation.articulation import JOINTS, draw_joints
 from pushgraph.simulation.block import Block, arrange
-from pushgraph.simulation.kinds import KINDS, MASS, table_side
+from pushgraph.simulation.kinds import KINDS
 from pushgraph.simulation.placement import NoRoom, place_cluster, place_clusters
 from pushgraph.simulation.plan import DENSITIES, Density, Plan
 from pushgraph.simulation.planar import PlanarSimulation
+from pushgraph.simulation.scenery import MASS, table_side
 from pushgraph.track import Track
 
 FEWEST = 6
