@@ -58,6 +58,7 @@ def test_a_dataset_holds_the_tracks_that_its_setup_draws(small: Path) -> None:
             stored, drawn = dataset[index], draw_trajectory("multiple-parts", 1, 5, index % 20)
             assert stored.scene == drawn.track.scene
             assert dataset.density[index] == drawn.density
+            assert dataset.kind[index] == drawn.kind == "paper"
             np.testing.assert_array_equal(stored.poses, drawn.track.poses.astype(np.float32))
             np.testing.assert_array_equal(stored.push, drawn.track.push)
             np.testing.assert_allclose(stored.times, drawn.track.times)

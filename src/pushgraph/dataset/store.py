@@ -7,6 +7,7 @@
 /frame_offset  [count+1]  int64    first frame of each trajectory in /push
 /scenes        [count]    string   JSON scene with its pushes
 /density       [count]    string   dense or sparse
+/kind          [count]    string   paper, or one of the kinds of the training mixture
 /summary       [count]    compound what happened in each trajectory
 """
 
@@ -74,6 +75,7 @@ class Columns:
     frame_offset: np.ndarray
     scenes: np.ndarray
     density: np.ndarray
+    kind: np.ndarray
     summary: np.ndarray
 
     @classmethod
@@ -88,6 +90,7 @@ class Columns:
             frame_offset=np.cumsum([0] + [len(track.push) for track in tracks]),
             scenes=np.array([track.scene.to_json(indent=None) for track in tracks], dtype=object),
             density=np.array([trajectory.density.encode() for trajectory in trajectories], dtype="S6"),
+            kind=np.array([trajectory.kind.encode() for trajectory in trajectories], dtype="S12"),
             summary=np.array([summarize(trajectory) for trajectory in trajectories], COLUMNS),
         )
 
@@ -106,6 +109,7 @@ def write(path: str | os.PathLike, recipe: Recipe, frames: int, rows: int, colum
             "wrench": file.create_dataset("wrench", (frames, 3), np.float32, **_STORED),
             "scenes": file.create_dataset("scenes", (recipe.count,), h5py.string_dtype()),
             "density": file.create_dataset("density", (recipe.count,), "S6"),
+            "kind": file.create_dataset("kind", (recipe.count,), "S12"),
             "summary": file.create_dataset("summary", (recipe.count,), COLUMNS),
         }
         stored["poses"].attrs["unit"] = "x (m), y (m), yaw (rad)"
@@ -141,6 +145,7 @@ class Dataset:
             self.pose_offset: np.ndarray = self._file["pose_offset"][()]
             self.frame_offset: np.ndarray = self._file["frame_offset"][()]
             self.density: np.ndarray = self._file["density"][()].astype(str)
+            self.kind: np.ndarray = self._file["kind"][()].astype(str)
             self.summary: np.ndarray = self._file["summary"][()]
 
     def __enter__(self) -> "Dataset":
@@ -192,6 +197,7 @@ class Dataset:
                 frame_offset=self.frame_offset[first : last + 1] - frames.start,
                 scenes=self._file["scenes"][first:last],
                 density=self.density[first:last].astype("S6"),
+                kind=self.kind[first:last].astype("S12"),
                 summary=self.summary[first:last],
             )
 

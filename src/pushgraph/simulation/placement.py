@@ -1,4 +1,4 @@
-"""Place bodies on the table: clusters whose neighbours stand a drawn gap apart."""
+"""Place blocks on the table: clusters whose neighbours stand a drawn gap apart."""
 
 import math
 from collections.abc import Sequence
@@ -9,41 +9,33 @@ from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.contact import contact_between, signed_gap
-from pushgraph.shape import Cuboid, Cylinder, rounded_boxes, take
+from pushgraph.shape import rounded_boxes, take
+from pushgraph.simulation.block import Block
 
 NEIGHBOUR_GAP = (0.001, 0.020)
 """Neighbours in a cluster stand this far apart (m), joined or not."""
-PIECE_OVERLAP = (-0.020, -0.002)
-"""Gap between the parts of one piece (m)."""
 CLUSTER_CLEARANCE = 0.05
 CANDIDATES = 24
 COMPACT_CHOICE = 6
 """A dense cluster takes the innermost of this many free places."""
 
-Shapes = Sequence[Cylinder | Cuboid]
+Gap = tuple[float, float]
 
 
 class NoRoom(Exception):
     """No free place was found; draw again."""
 
 
-def reach(shape: Cylinder | Cuboid) -> float:
-    """Radius of the smallest circle around the centre that holds the shape (m)."""
-    return math.hypot(*shape.core[:2]) + shape.core[2]
-
-
-def place_cluster(rng: np.random.Generator, shapes: Shapes, piece: Sequence[int]) -> Float[np.ndarray, "bodies 3"]:
-    """Poses of one cluster, each body beside an earlier one; bodies with the same number in `piece` overlap."""
+def place_cluster(
+    rng: np.random.Generator, blocks: Sequence[Block], gap: Gap = NEIGHBOUR_GAP
+) -> Float[np.ndarray, "blocks 3"]:
+    """Poses of one cluster, each block beside an earlier one, their gap between the two given (m)."""
     poses = np.array([[0.0, 0.0, rng.uniform(-math.pi, math.pi)]])
-    for index in range(1, len(shapes)):
-        same_piece = np.array(piece[:index]) == piece[index]
-        beside = np.flatnonzero(same_piece) if same_piece.any() else np.arange(index)
-        low, high = PIECE_OVERLAP if same_piece.any() else NEIGHBOUR_GAP
-        candidates = _beside(
-            rng, shapes, index, poses, rng.choice(beside, CANDIDATES), rng.uniform(low, high, CANDIDATES)
-        )
-        gaps = _gaps(shapes, index, candidates, poses)
-        free = np.flatnonzero((gaps[:, ~same_piece] >= NEIGHBOUR_GAP[0]).all(-1))
+    for index in range(1, len(blocks)):
+        neighbours = rng.choice(np.arange(index), CANDIDATES)
+        candidates = _beside(rng, blocks, index, poses, neighbours, rng.uniform(*gap, CANDIDATES))
+        gaps = _gaps(blocks, index, candidates, poses)
+        free = np.flatnonzero(gaps >= gap[0])
         if not len(free):
             raise NoRoom
         inward = np.hypot(*(candidates[free[:COMPACT_CHOICE], :2] - poses[:, :2].mean(0)).T)
@@ -52,11 +44,23 @@ def place_cluster(rng: np.random.Generator, shapes: Shapes, piece: Sequence[int]
     return poses
 
 
+def place_clusters(
+    rng: np.random.Generator, blocks: Sequence[Block], half_width: float, gap: Gap = NEIGHBOUR_GAP
+) -> Float[np.ndarray, "blocks 3"]:
+    """Poses of clusters of one to four blocks, scattered over a square around the origin."""
+    clusters, first = [], 0
+    while first < len(blocks):
+        last = min(first + int(rng.integers(1, 5)), len(blocks))
+        clusters.append((blocks[first:last], place_cluster(rng, blocks[first:last], gap)))
+        first = last
+    return scatter_clusters(rng, clusters, half_width)
+
+
 def scatter_clusters(
-    rng: np.random.Generator, clusters: Sequence[tuple[Shapes, np.ndarray]], half_width: float
-) -> Float[np.ndarray, "bodies 3"]:
+    rng: np.random.Generator, clusters: Sequence[tuple[Sequence[Block], np.ndarray]], half_width: float
+) -> Float[np.ndarray, "blocks 3"]:
     """Move clusters, each with its poses, to random places in a square around the origin, clear of each other."""
-    radii = [max(np.hypot(*p[:2]) + reach(s) for s, p in zip(*cluster, strict=True)) for cluster in clusters]
+    radii = [max(np.hypot(*p[:2]) + b.reach for b, p in zip(*cluster, strict=True)) for cluster in clusters]
     centres: list[np.ndarray] = []
     for radius in radii:
         places = rng.uniform(-half_width, half_width, (200, 2))
@@ -71,37 +75,59 @@ def scatter_clusters(
 
 def _beside(
     rng: np.random.Generator,
-    shapes: Shapes,
+    blocks: Sequence[Block],
     index: int,
     poses: Float[np.ndarray, "placed 3"],
     neighbour: np.ndarray,
     gap: np.ndarray,
 ) -> Float[np.ndarray, "candidates 3"]:
-    """Poses of body `index` at the given gap from a neighbour, in random directions.
+    """Poses of block `index` at the given gap from a neighbour, in random directions.
 
-    Along a ray from the neighbour's centre the gap is convex and rises, so Newton's method from far outside
-    comes down to the wanted gap without passing it.
+    Along a ray from the neighbour the gap of two parts is convex, so Newton's method from far outside never passes
+    where it is the wanted one; nor do blocks, if of all pairs of parts the one that holds them farthest apart does.
     """
     count = len(neighbour)
     direction, yaw = rng.uniform(-math.pi, math.pi, (2, count))
-    boxes = rounded_boxes(shapes)
-    a, b = take(boxes, torch.from_numpy(neighbour)), take(boxes, torch.full((count,), index))
+    own = len(blocks[index].parts)
+    pairs = [(c, i, j) for c, k in enumerate(neighbour) for i in range(len(blocks[k].parts)) for j in range(own)]
+    candidate, first, second = np.array(pairs).T
+    begins = np.flatnonzero(np.diff(candidate, prepend=-1))
+    a = rounded_boxes([blocks[neighbour[c]].parts[i].shape for c, i, _ in pairs])
+    b = take(rounded_boxes([part.shape for part in blocks[index].parts]), torch.from_numpy(second))
+    poses_a = np.concatenate([pose.compose(poses[k], blocks[k].poses_block_from_part) for k in neighbour])
+    at_a = np.concatenate(([0], np.cumsum([len(blocks[k].parts) for k in neighbour])[:-1]))[candidate] + first
+    poses_a, poses_own = poses_a[at_a], blocks[index].poses_block_from_part[second]
     ray = pose.rotate(np.array([1.0, 0.0]), direction)
-    distance = np.array([reach(shapes[k]) for k in neighbour]) + reach(shapes[index]) + NEIGHBOUR_GAP[1]
-    for _ in range(5):
+    ray_in_a = pose.rotate(ray[candidate], -poses_a[:, 2])
+    distance = np.array([blocks[k].reach for k in neighbour]) + blocks[index].reach + NEIGHBOUR_GAP[1]
+    for _ in range(5 if len(pairs) == count else 12):
         candidates = np.column_stack((poses[neighbour, :2] + distance[:, None] * ray, yaw))
-        pose_a_from_b = pose.relative(poses[neighbour], candidates)
+        pose_a_from_b = pose.relative(poses_a, pose.compose(candidates[candidate], poses_own))
         touch = contact_between(a, b, torch.from_numpy(pose_a_from_b))
-        slope = (touch.normal.numpy() * pose.rotate(ray, -poses[neighbour, 2])).sum(-1)
-        distance = distance - (touch.gap.numpy() - gap) / np.maximum(slope, 0.2)
+        slope = (touch.normal.numpy() * ray_in_a).sum(-1)
+        nearer = distance[candidate] - (touch.gap.numpy() - gap[candidate]) / np.maximum(slope, 0.2)
+        distance = np.maximum.reduceat(nearer, begins)
     return candidates
 
 
 def _gaps(
-    shapes: Shapes, index: int, candidates: Float[np.ndarray, "candidates 3"], poses: Float[np.ndarray, "placed 3"]
-) -> Float[np.ndarray, "candidates placed"]:
-    candidate, placed = (torch.from_numpy(k.ravel()) for k in np.indices((len(candidates), len(poses))))
-    boxes = rounded_boxes(shapes)
-    pose_a_from_b = pose.relative(torch.from_numpy(poses)[placed], torch.from_numpy(candidates)[candidate])
-    gaps = signed_gap(take(boxes, placed), take(boxes, torch.full_like(placed, index)), pose_a_from_b)
-    return gaps.reshape(len(candidates), len(poses)).numpy()
+    blocks: Sequence[Block],
+    index: int,
+    candidates: Float[np.ndarray, "candidates 3"],
+    poses: Float[np.ndarray, "placed 3"],
+) -> Float[np.ndarray, " candidates"]:
+    """Least gap of block `index`, at each of its candidate poses, to the blocks that are placed (m)."""
+    parts = [part.shape for block in blocks[: len(poses)] for part in block.parts]
+    poses_placed = np.concatenate(
+        [pose.compose(place, block.poses_block_from_part) for place, block in zip(poses, blocks, strict=False)]
+    )
+    own = blocks[index]
+    poses_own = pose.compose(candidates[:, None], own.poses_block_from_part)
+    candidate, part, placed = (k.ravel() for k in np.indices((len(candidates), len(own.parts), len(parts))))
+    pose_a_from_b = pose.relative(poses_placed[placed], poses_own[candidate, part])
+    gaps = signed_gap(
+        take(rounded_boxes(parts), torch.from_numpy(placed)),
+        take(rounded_boxes([part.shape for part in own.parts]), torch.from_numpy(part)),
+        torch.from_numpy(pose_a_from_b),
+    )
+    return gaps.reshape(len(candidates), -1).amin(-1).numpy()

@@ -4,23 +4,23 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from pushgraph import pose
-from pushgraph.body import Body
 from pushgraph.errors import SetupError, SimulationError
-from pushgraph.scene import NOMINAL_TABLE_FRICTION, Scene, Table
+from pushgraph.scene import Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
-from pushgraph.simulation.articulation import JOINTS, draw_joints, vary_joint
-from pushgraph.simulation.placement import NoRoom, place_cluster, scatter_clusters
+from pushgraph.simulation.articulation import JOINTS, draw_joints
+from pushgraph.simulation.block import Block, arrange
+from pushgraph.simulation.kinds import KINDS
+from pushgraph.simulation.placement import NoRoom, place_cluster, place_clusters
+from pushgraph.simulation.plan import DENSITIES, Density, Plan
 from pushgraph.simulation.planar import PlanarSimulation
-from pushgraph.tool import Part, Tool
+from pushgraph.simulation.scenery import MASS, table_side
 from pushgraph.track import Track
 
-PUSHES = 9
 FEWEST = 6
 """Objects in the smallest scenes of a setup of many sizes."""
 PUSH_DISTANCE = 0.30
@@ -28,15 +28,8 @@ FIRST_TEST_SEED = 1_000_000
 """Seeds from here on are for tests, smaller ones for training and validation data."""
 PUSH_SPEED = (0.10, 0.30)
 SIZE_MEAN, SIZE_SPREAD, SIZE_RANGE = 0.117, 0.023, (0.08, 0.16)
-MASS = (0.2, 1.0)
-MASS_CLASSES = ((0.2, 0.5), (1.0, 2.0), (8.0, 10.0))
 TOUCHED = 0.005
 """A body that a push moves by this much (m) counts as touched."""
-SLOW = 0.05
-"""Pushes slower than this (m/s) are short."""
-SLOW_DISTANCE = 0.05
-TABLE_SIDE = 2.0
-"""Of the table (m), larger for more than a dozen objects."""
 ATTEMPTS = 100
 
 REJECTIONS = {
@@ -48,23 +41,13 @@ REJECTIONS = {
 }
 """Why a drawn scene comes to nothing."""
 
-Density = Literal["dense", "sparse"]
-DENSITIES: tuple[Density, Density] = ("dense", "sparse")
-
-
-class Plan(NamedTuple):
-    """A scene without pushes, and how it shall be pushed."""
-
-    scene: Scene
-    density: Density
-    style: PushStyle
-
 
 class Trajectory(NamedTuple):
     """One draw of a setup; `rejected` counts, by reason, the scenes drawn before it that came to nothing."""
 
     track: Track
     density: Density
+    kind: str
     rejected: Counter[str]
 
 
@@ -72,8 +55,14 @@ def multiple_parts(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """The paper's setup: cylinders and cuboids, two to six joints; every other scene dense, the others sparse."""
     density = DENSITIES[index % 2]
     shapes = [_draw_shape(rng) for _ in range(objects)]
-    poses = _place(rng, shapes, list(range(objects)), density)
-    scene = _scene(shapes, poses, rng.uniform(*MASS, objects))
+    blocks = [Block.of(shape) for shape in shapes]
+    if density == "dense":
+        poses = place_cluster(rng, blocks)
+    else:
+        poses = place_clusters(rng, blocks, half_width=0.17 * math.sqrt(objects))
+    masses = rng.uniform(*MASS, objects)
+    side = table_side(objects)
+    scene = arrange(blocks, poses, masses[:, None].tolist(), table=Table(size=(side, side)))
     joints = draw_joints(rng, scene)
     if len(joints) < min(JOINTS[0], objects - 1):
         raise _TooFewNeighbours
@@ -91,33 +80,9 @@ def planar_mixed(rng: np.random.Generator, objects: int, index: int) -> Plan:
 
 
 def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
-    """Scenes of other masses, frictions, tools, speeds, pieces and joint geometry than the paper's."""
-    density = DENSITIES[index % 2]
-    shapes = [_draw_shape(rng) for _ in range(objects)]
-    pieces = _draw_pieces(rng, objects)
-    poses = _place(rng, shapes, pieces, density)
-    tool = _draw_tool(rng)
-    groups = [[f"body{k}" for k in np.flatnonzero(np.array(pieces) == piece)] for piece in sorted(set(pieces))]
-    scene = _scene(
-        shapes,
-        poses,
-        _draw_masses(rng, objects),
-        rigid_groups=tuple(tuple(group) for group in groups if len(group) > 1),
-        tool=tool,
-        friction=float(rng.uniform(0.2, 0.6)),
-        side_friction=float(rng.uniform(0.1, 0.4)),
-    )
-    joints = draw_joints(rng, scene)
-    if rng.random() < 0.5:
-        joints = tuple(vary_joint(rng, scene, joint) for joint in joints)
-    speed = float(np.exp(rng.uniform(math.log(0.005), math.log(0.3))))
-    style = PushStyle(
-        distance=SLOW_DISTANCE if speed < SLOW else PUSH_DISTANCE,
-        speed=speed,
-        turned=not _is_round(tool),
-        rotation=0.8 if not _is_round(tool) and rng.random() < 0.5 else 0.0,
-    )
-    return Plan(scene.replace(joints=joints), density, style)
+    """Everything that a scene may say, kind by kind: see `pushgraph.simulation.kinds`."""
+    kind = list(KINDS)[index // 4 % len(KINDS)]
+    return KINDS[kind](rng, objects, DENSITIES[index % 2])._replace(kind=kind)
 
 
 Setup = Callable[[np.random.Generator, int, int], Plan]
@@ -140,7 +105,7 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
     while rejected.total() < ATTEMPTS:
         try:
             drawn = plan(rng, objects, index)
-            return Trajectory(_push_around(rng, drawn), drawn.density, rejected)
+            return Trajectory(_push_around(rng, drawn), drawn.density, drawn.kind, rejected)
         except NoRoom:
             rejected[REJECTIONS["room"]] += 1
         except _TooFewNeighbours:
@@ -173,13 +138,13 @@ class _LeftTable(Exception):
 
 
 def _push_around(rng: np.random.Generator, plan: Plan) -> Track:
-    simulation = PlanarSimulation(plan.scene)
+    simulation = PlanarSimulation(plan.scene, force_limits=plan.style.force_limit is not None)
     touched = np.zeros(len(plan.scene.bodies), dtype=np.int64)
-    for _ in range(PUSHES):
+    for _ in range(plan.style.pushes):
         before = simulation.poses
         simulation.push(aim(rng, plan.scene, before, touched, plan.style))
         after = simulation.poses
-        if not plan.scene.table.holds(after[:, :2]).all():
+        if not (plan.scene.table.holds(after[:, :2]) | plan.scene.immovable).all():
             raise _LeftTable
         touched += np.hypot(*(after - before)[:, :2].T) > TOUCHED
     return simulation.track()
@@ -193,64 +158,3 @@ def _draw_shape(rng: np.random.Generator) -> Cylinder | Cuboid:
     if rng.random() < 0.5:
         return Cylinder(diameter=_draw_length(rng))
     return Cuboid(size=(_draw_length(rng), _draw_length(rng)))
-
-
-def _draw_masses(rng: np.random.Generator, objects: int) -> np.ndarray:
-    kind = rng.integers(3)
-    if kind == 0:
-        return rng.uniform(*MASS, objects)
-    if kind == 1:
-        return np.exp(rng.uniform(math.log(0.2), math.log(10.0), objects))
-    low, high = np.array(MASS_CLASSES)[rng.integers(len(MASS_CLASSES), size=objects)].T
-    return rng.uniform(low, high)
-
-
-def _draw_pieces(rng: np.random.Generator, objects: int) -> list[int]:
-    """For each body the number of its piece: in three scenes of ten some bodies are parts of one."""
-    if rng.random() < 0.7:
-        return list(range(objects))
-    return np.sort(rng.integers(max(1, round(0.7 * objects)), size=objects)).tolist()
-
-
-def _draw_tool(rng: np.random.Generator) -> Tool:
-    """Half of the tools are round, a quarter cuboids, a quarter composed of several parts."""
-    kind = rng.random()
-    if kind < 0.5:
-        return Tool.round(float(np.exp(rng.uniform(math.log(0.005), math.log(0.12)))))
-    count = 1 if kind < 0.75 else int(rng.integers(2, 5))
-    place = rng.uniform(-0.15, 0.15, 2) if count > 1 else np.zeros(2)
-    parts = []
-    for _ in range(count):
-        wide = Cuboid(size=(float(rng.uniform(0.02, 0.18)), float(rng.uniform(0.02, 0.10))))
-        shape = wide if count == 1 or rng.random() < 0.7 else Cylinder(diameter=float(rng.uniform(0.02, 0.12)))
-        parts.append(Part(shape=shape, pose_tool_from_part=(*place.tolist(), float(rng.uniform(-math.pi, math.pi)))))
-        place = place + pose.rotate(np.array([rng.uniform(0.04, 0.10), 0.0]), rng.uniform(-math.pi, math.pi))
-    return Tool(parts=tuple(parts))
-
-
-def _is_round(tool: Tool) -> bool:
-    return len(tool.parts) == 1 and isinstance(tool.parts[0].shape, Cylinder)
-
-
-def _place(rng: np.random.Generator, shapes: list, pieces: list[int], density: Density) -> np.ndarray:
-    if density == "dense":
-        return place_cluster(rng, shapes, pieces)
-    clusters, first = [], 0
-    while first < len(shapes):
-        last = min(first + int(rng.integers(1, 5)), len(shapes))
-        while last < len(shapes) and pieces[last] == pieces[last - 1]:
-            last += 1
-        clusters.append((shapes[first:last], place_cluster(rng, shapes[first:last], pieces[first:last])))
-        first = last
-    return scatter_clusters(rng, clusters, half_width=0.17 * math.sqrt(len(shapes)))
-
-
-def _scene(
-    shapes: list, poses: np.ndarray, masses: np.ndarray, friction: float = NOMINAL_TABLE_FRICTION, **fields
-) -> Scene:
-    bodies = tuple(
-        Body(name=f"body{k}", shape=shape, pose_world_from_body=tuple(pose), mass=mass)
-        for k, (shape, pose, mass) in enumerate(zip(shapes, poses.tolist(), masses.tolist(), strict=True))
-    )
-    side = max(TABLE_SIDE, 0.55 * math.sqrt(len(bodies)))
-    return Scene(bodies=bodies, table=Table(size=(side, side), friction=friction), **fields)
