@@ -474,7 +474,7 @@ def test_the_tool_reaches_every_way_point(times, limit: float | None) -> None:
     path = [(0.02, 0.02), (0.05, -0.05, 0.8), (-0.05, -0.1, 0.8)]
     push = Push(start=(-0.1, 0.02), path=path, times=times, speed=0.1, force_limit=limit)
     track = simulate(one_crate().replace(pushes=(push,)))
-    for x, y, yaw in push.waypoints:
+    for x, y, _ in push.waypoints:
         away = np.hypot(*(track.poses[:, 0, :2] - [x, y]).T)
         assert away.min() < (0.1 * 0.05 / 2 + 1e-3 if times is None else 1e-3)
     assert track.poses[-1, 0] == pytest.approx(push.waypoints[-1], abs=1e-3)

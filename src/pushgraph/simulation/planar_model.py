@@ -43,8 +43,8 @@ TOLERANCE = 1e-16
 LIFT_HEIGHT = 20.0
 """Of the tool where it touches nothing (m); its joints are zero there."""
 SIDE_IMPEDANCE, ONSET_IMPEDANCE, ONSET = 0.99, 0.5, 3e-5
-"""Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again and
-again."""
+"""Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again
+and again."""
 LIMIT_IMPEDANCE = 0.999
 LOOP_IMPEDANCE = 0.999
 CLUTCH_IMPEDANCE = 0.9999
