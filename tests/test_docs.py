@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from pushgraph.scene import Scene
+from pushgraph.shape import Polygon
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -65,9 +66,11 @@ def test_the_readme_s_make_targets_and_links_exist() -> None:
 
 
 def test_the_scene_in_the_manual_is_valid() -> None:
-    (text,) = re.findall(r"```json\n(.*?)```", (ROOT / "docs" / "scene.md").read_text(), re.S)
-    assert Scene.from_json(text).joints[0].kind == "fixed"
+    text, outline = re.findall(r"```json\n(.*?)```", (ROOT / "docs" / "scene.md").read_text(), re.S)
+    scene = Scene.from_json(text)
+    assert scene.joints[0].kind == "fixed"
     assert json.loads(text)["version"] == 1
+    assert scene.bodies[0].replace(shape=Polygon(**json.loads(outline))).shape.kind == "polygon"
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)

@@ -70,10 +70,10 @@ def break_joint(scene: dict, rng: random.Random) -> None:
     joint[field] = value
 
 
-def close_a_cycle(scene: dict, rng: random.Random) -> None:
-    pairs = [("lid", "cup"), ("cup", "plate")]
-    rng.shuffle(pairs)
-    scene["joints"] += [{"kind": "fixed", "parent": a, "child": b} for a, b in pairs]
+def join_twice(scene: dict, rng: random.Random) -> None:
+    kind = rng.choice(["fixed", "revolute", "prismatic"])
+    joined = rng.choice([("plate", "lid"), ("lid", "plate"), ("cup", "handle"), ("cup", "cup")])
+    scene["joints"].append({"kind": kind, "parent": joined[0], "child": joined[1]})
 
 
 def break_group(scene: dict, rng: random.Random) -> None:
@@ -182,7 +182,7 @@ def replace_the_whole(scene: dict, rng: random.Random) -> str:
 
 
 MUTATIONS: list[Mutation] = [
-    set_size, set_height, set_mass, set_pose, overlap, duplicate, rename, break_joint, close_a_cycle, break_group,
+    set_size, set_height, set_mass, set_pose, overlap, duplicate, rename, break_joint, join_twice, break_group,
     break_push, break_path, break_fixed, push_from_inside_a_body, break_tool, break_table, drop_a_field,
     add_a_field, change_the_version, truncate, garble, replace_the_whole,
 ]  # fmt: skip

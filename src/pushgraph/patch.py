@@ -133,7 +133,11 @@ def _shares(placed: tuple[tuple[Cuboid | Cylinder | Polygon, Pose], ...]) -> tup
 def _covered(
     placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]],
 ) -> tuple[_Rule, Bool[np.ndarray, "n shapes"]]:
-    """Points of the union of shapes, and which shapes cover each."""
+    """Points of the union of shapes, and which shapes cover each; copies in one place count as one shape."""
+    different = list(dict.fromkeys(placed))
+    if len(different) < len(placed):
+        rule, cover = _covered(different)
+        return rule, cover[:, [different.index(one) for one in placed]]
     count = max(4, min(POINTS_OF_BODY, POINTS_OF_PIECE // len(placed)))
     rules, covers = [], []
     for members in _overlapping(placed):
