@@ -107,7 +107,7 @@ def test_ray_writes_the_same_bytes(small: Path, tmp_path: Path) -> None:
 
 def test_killed_at_ten_random_moments_it_ends_with_the_same_bytes(tmp_path: Path) -> None:
     """Half of the kills come soon after the start, half soon after a further block is done."""
-    recipe = {"setup": "planar", "objects": 4, "count": 48, "seed": 8}
+    recipe = {"setup": "multiple-parts", "objects": 4, "count": 48, "seed": 8}
     rng = random.Random(1)
     out, parts = tmp_path / "data.h5", tmp_path / "data.h5.parts"
     blocks_left = []

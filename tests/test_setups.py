@@ -22,6 +22,7 @@ from pushgraph.simulation.kinds import KINDS, MOST_BODIES
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.plan import Plan
 from pushgraph.simulation.planar import PlanarSimulation, simulate
+from pushgraph.simulation.pushers import draw_blade, draw_probe
 from pushgraph.simulation.setups import (
     SETUPS,
     _TooFewNeighbours,
@@ -144,7 +145,7 @@ def test_the_mixture_covers_what_a_scene_may_say(varied_plans: list[Plan]) -> No
     assert max(widest(body.shape) / narrowest(body.shape) for body in bodies) > 9
     assert covers([plan.style.speed for plan in varied_plans], 0.004, 0.8)
     parts = [part.shape for scene in scenes for part in scene.tool.parts]
-    assert covers([widest(shape) for shape in parts], 0.005, 0.4)
+    assert covers([widest(shape) for shape in parts], 0.005, 0.25)
     assert min(narrowest(shape) for shape in parts) < 0.004
     assert {len(scene.tool.parts) for scene in scenes} >= {1, 2, 3, 4}
     assert any(plan.style.rotation > 0.5 for plan in varied_plans)
@@ -153,6 +154,12 @@ def test_the_mixture_covers_what_a_scene_may_say(varied_plans: list[Plan]) -> No
     pieces = [len(group) for scene in scenes for group in scene.rigid_groups]
     assert covers(pieces, 2, 25)
     assert max(len(scene.bodies) for scene in scenes) <= MOST_BODIES
+
+
+def test_tools_are_probes_and_blades() -> None:
+    rng = np.random.default_rng(0)
+    assert covers([draw_probe(rng).reach for _ in range(50)], 0.0017, 0.0045)
+    assert covers([draw_blade(rng).parts[0].shape.size[1] for _ in range(50)], 0.06, 0.5)
 
 
 def test_joints_sit_anywhere_but_can_move() -> None:
