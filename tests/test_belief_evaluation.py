@@ -127,7 +127,7 @@ def test_informed_knows_what_was_touched_and_every_number_is_as_by_hand(monkeypa
     track = still(CHAIN, 30)
     track.poses[12:, 1, 1] += 0.03
     track.poses[25:, 2, 1] += 0.03
-    monkeypatch.setattr(Block, "draw", lambda block: [Trajectory(track, "dense", {})] * block.count)
+    monkeypatch.setattr(Block, "draw", lambda block: [Trajectory(track, "dense", "paper", {})] * block.count)
     results, _ = evaluate_belief([4], 1, SEED, {})
     expected = {
         # Nothing known: none for all. Truth: ab, ac, bc fixed, cd revolute, ad and bd none.
@@ -314,7 +314,7 @@ def test_informed_has_no_joint_at_first_and_is_the_oracle_when_every_joint_was_t
         for k, start in enumerate(STARTS):
             if (touched[:, start] >= joined).all():
                 informed_of_all += 1
-                assert scene.errors["informed_oracle"][k] == pytest.approx(scene.errors["oracle"][k], rel=1e-5)
+                assert scene.errors["informed_oracle"][k] == pytest.approx(scene.errors["oracle"][k], rel=1e-4)
             assert scene.errors["oracle"][k] < 0.1
     assert informed_of_all
 

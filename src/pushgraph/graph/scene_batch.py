@@ -33,8 +33,8 @@ Batch = TypeVar("Batch")
 class Relations(NamedTuple):
     """What is known of every pair of bodies a < b, in the order of `pairs_of`, and what is remembered of it.
 
-    kind: JOINT_CODES, 0 where not known. anchor_a, anchor_b: the joint's anchor, or for an unknown pair the midpoint
-    of its closest points when it was first adjacent, in the frame of each body (m). yaw_offset: yaw of b less that of
+    kind: JOINT_CODES, 0 where not known. anchor_a, anchor_b: the joint's anchor, or for an unknown pair the middle of
+    where its bodies faced each other when it was first adjacent, in the frame of each body (m). yaw_offset: yaw of b less that of
     a then (rad). axis: along which b slides, in the frame of a. limits: lowest and highest angle of b relative to a
     (rad) or displacement along the axis (m). remembered: whether there is an anchor.
     """
@@ -210,8 +210,8 @@ def remember(
     pose_a, pose_b = poses[scene, a[pair]], poses[scene, b[pair]]
     boxes = _boxes(scenes, scene, a[pair]), _boxes(scenes, scene, b[pair])
     touch = contact_between(*boxes, pose.relative(pose_a, pose_b).float())
-    midpoint = (touch.points_a[:, 0] + touch.points_b[:, 0]) / 2
-    anchor_world = pose.transform(pose_a, midpoint.to(pose_a))
+    middle = touch.middle
+    anchor_world = pose.transform(pose_a, middle.to(pose_a))
     anchor_b = pose.transform(pose.inverse(pose_b), anchor_world)
 
     def put(old: Tensor, values: Tensor) -> Tensor:
@@ -219,7 +219,7 @@ def remember(
 
     return relations._replace(
         remembered=put(relations.remembered, torch.ones_like(scene, dtype=torch.bool)),
-        anchor_a=put(relations.anchor_a, midpoint),
+        anchor_a=put(relations.anchor_a, middle),
         anchor_b=put(relations.anchor_b, anchor_b),
         yaw_offset=put(relations.yaw_offset, pose_b[:, 2] - pose_a[:, 2]),
     )

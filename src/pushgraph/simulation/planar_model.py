@@ -46,7 +46,7 @@ SIDE_IMPEDANCE, ONSET_IMPEDANCE, ONSET = 0.99, 0.5, 3e-5
 """Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again
 and again."""
 LIMIT_IMPEDANCE = 0.999
-LOOP_IMPEDANCE = 0.999
+LOOP_IMPEDANCE = 0.9999
 CLUTCH_IMPEDANCE = 0.9999
 TANGENTIAL_STIFFNESS = 100.0
 """How much stiffer contacts are along a surface than across it: what sticks creeps so much less."""
