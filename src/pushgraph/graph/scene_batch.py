@@ -34,9 +34,10 @@ class Relations(NamedTuple):
     """What is known of every pair of bodies a < b, in the order of `pairs_of`, and what is remembered of it.
 
     kind: JOINT_CODES, 0 where not known. anchor_a, anchor_b: the joint's anchor, or for an unknown pair the middle of
-    where its bodies faced each other when it was first adjacent, in the frame of each body (m). yaw_offset: yaw of b less that of
-    a then (rad). axis: along which b slides, in the frame of a. limits: lowest and highest angle of b relative to a
-    (rad) or displacement along the axis (m). remembered: whether there is an anchor.
+    where its bodies faced each other when it was first adjacent, in the frame of each body (m). yaw_offset: yaw of b
+    less that of a then (rad). axis: along which b slides, in the frame of a. limits: lowest and highest angle of b
+    relative to a (rad) or displacement along the axis (m). remembered: whether there is an
+    anchor.
     """
 
     kind: Int[Tensor, "batch pairs"]

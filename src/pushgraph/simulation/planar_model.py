@@ -32,6 +32,7 @@ TIMESTEP = 0.05 / 12
 CONTACT_HEIGHT = 0.05
 """At which the sides are cut (m); cylinders are spheres there."""
 ROBOT_MASS = 1e6
+"""As a share of the bodies' mass: scaling all masses then changes nothing but forces."""
 LIMITED_MASS = 0.1
 """Of the tool of a pusher with a force limit (kg): light, so that its impact adds little to that force."""
 NO_LIMIT = 1e6
@@ -132,7 +133,8 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     for joint in assembly.loops:
         _close_loop(spec, scene, assembly, joint, frames)
     _exclude_contacts(spec, scene)
-    _add_robot(world, scene, clutch, frictions.sides)
+    heavy = ROBOT_MASS * sum(body.mass or 0.0 for body in scene.bodies)
+    _add_robot(world, scene, heavy or ROBOT_MASS, clutch, frictions.sides)
     try:
         model = spec.compile()
     except ValueError as error:
@@ -378,20 +380,20 @@ def _exclude_contacts(spec: mujoco.MjSpec, scene: Scene) -> None:
             spec.add_exclude(bodyname1=ends[0], bodyname2=ends[1])
 
 
-def _add_robot(world: mujoco.MjsBody, scene: Scene, clutch: bool, friction: float) -> None:
+def _add_robot(world: mujoco.MjsBody, scene: Scene, mass: float, clutch: bool, friction: float) -> None:
     """The end-effector with its tool, lifted, never asleep: so heavy that no contact slows it.
 
     With a clutch, a carriage of that mass turns to where it is heading, and the tool slips against it along that.
     """
     carriage = world.add_body(name=_CARRIAGE, pos=[0, 0, LIFT_HEIGHT], sleep=mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
-    _set_inertia(carriage, ROBOT_MASS, ROBOT_MASS)
+    _set_inertia(carriage, mass, mass)
     _add_slides(carriage)
     carriage.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     robot = carriage
     if clutch:
         carriage.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
         robot = carriage.add_body(name=ROBOT)
-        _set_inertia(robot, LIMITED_MASS, ROBOT_MASS)
+        _set_inertia(robot, LIMITED_MASS, mass)
         robot.add_joint(
             type=mujoco.mjtJoint.mjJNT_SLIDE,
             axis=[1, 0, 0],
