@@ -314,19 +314,10 @@ class Scene(Record):
         def turned(old: Point | None) -> Point | None:
             return None if old is None else tuple(pose.rotate(np.asarray(old, dtype=float), motion[2]).tolist())
 
-        def push(old: Push) -> Push:
-            return old.replace(
-                start=point(old.start),
-                end=point(old.end),
-                direction=None if old.direction is None else old.direction + motion[2],
-                path=None if old.path is None else tuple(at(p) if len(p) == 3 else point(p) for p in old.path),
-                yaw=old.yaw + motion[2],
-            )
-
         return self.replace(
             bodies=tuple(b.replace(pose_world_from_body=at(b.pose_world_from_body)) for b in self.bodies),
             joints=tuple(j.replace(anchor=point(j.anchor), axis=turned(j.axis)) for j in self.joints),
-            pushes=tuple(push(p) for p in self.pushes),
+            pushes=tuple(push.moved(motion) for push in self.pushes),
             table=self.table.replace(pose_world_from_table=at(self.table.pose_world_from_table)),
         )
 

@@ -1,6 +1,7 @@
 """What the end-effector pushes with, and how it pushes."""
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated
 
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
+from pushgraph import pose
 from pushgraph.record import Record
 from pushgraph.shape import Angle, Coordinate, Cylinder, Point, Pose, Shape
 
@@ -97,6 +99,23 @@ class Push(Record):
             if after <= before:
                 raise ValueError(f"times[{index}]: must rise, got {after:g} s after {before:g} s")
         return self
+
+    def moved(self, pose_new_from_world: Float[np.ndarray, "3"]) -> "Push":
+        """Return the same push, seen from another world frame."""
+
+        def seen(point: Sequence[float]) -> tuple[float, ...]:
+            old = np.asarray(point, dtype=float)
+            new = (pose.transform if len(point) == 2 else pose.compose)(pose_new_from_world, old)
+            return tuple(new.tolist())
+
+        turn = float(pose_new_from_world[2])
+        return self.replace(
+            start=seen(self.start),
+            end=None if self.end is None else seen(self.end),
+            direction=None if self.direction is None else self.direction + turn,
+            path=None if self.path is None else tuple(seen(point) for point in self.path),
+            yaw=self.yaw + turn,
+        )
 
     @property
     def waypoints(self) -> Float[np.ndarray, "points 3"]:

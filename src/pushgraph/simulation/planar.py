@@ -11,6 +11,7 @@ from pushgraph.errors import SimulationError
 from pushgraph.plausibility import start_fault
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import ToolMotion
+from pushgraph.simulation.own_frame import OwnFrame
 from pushgraph.simulation.planar_model import LIFT_HEIGHT, NO_LIMIT, TIMESTEP, build
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
@@ -22,6 +23,8 @@ STALL = 1e-3
 CATCH_UP = 0.02
 """In about this time (s) a pusher that lags catches up, if its force suffices."""
 
+_CLUTCH = 4
+"""Place of the clutch among the robot's joints: x, y, height, heading, clutch, yaw."""
 _DIVERGED = [
     int(warning)
     for warning in (
@@ -54,11 +57,13 @@ class PlanarSimulation:
         if force_limits is None:
             force_limits = any(push.force_limit is not None for push in scene.pushes)
         self._pushes: list[Push] = []
-        self._model = build(scene, clutch=force_limits)
+        self._frame = OwnFrame(scene)
+        self._model = build(self._frame.scene(scene), clutch=force_limits)
         self._data = mujoco.MjData(self._model.mujoco)
         self._robot_position = self._data.qpos[self._model.robot_position]
         self._robot_velocity = self._data.qvel[self._model.robot_velocity]
         self._robot_force = self._data.qfrc_constraint[self._model.robot_velocity]
+        self._tool_pose = np.zeros(3)
         self._frames: list[np.ndarray] = []
         self._frame_push: list[int] = []
         self._wrenches: list[np.ndarray] = []
@@ -69,7 +74,7 @@ class PlanarSimulation:
         mujoco.mj_kinematics(self._model.mujoco, self._data)
         rotation = self._data.xmat[self._model.links]
         yaw = np.arctan2(rotation[:, 3], rotation[:, 0])
-        return np.column_stack((self._data.xpos[self._model.links, :2], yaw))
+        return self._frame.poses_in_world(np.column_stack((self._data.xpos[self._model.links, :2], yaw)))
 
     def push(self, push: Push) -> None:
         """Let the tool come down, push and rest; after an earlier push it first lifts and moves there.
@@ -81,15 +86,15 @@ class PlanarSimulation:
                 f"pushes[{len(self._pushes)}].force_limit: this simulation was begun without force limits; begin it "
                 "with PlanarSimulation(scene, force_limits=True)"
             )
-        motion = ToolMotion(push, self.scene.tool)
+        motion = ToolMotion(self._frame.push(push), self.scene.tool)
         start = motion.pose(0.0)
         if self._frames:
-            for above in (self._frames[-1][0], start):
+            for above in (self._tool_pose, start):
                 self._step_lifted(above)
                 self._record(above, LIFTED)
             self._step_lifted(start)
         index = len(self._pushes)
-        if fault := start_fault(self.scene, index, start, self.poses):
+        if fault := start_fault(self.scene, index, self._frame.poses_in_world(start), self.poses):
             raise SimulationError(fault)
         self._pushes.append(push)
         self._record(start, index)
@@ -97,7 +102,7 @@ class PlanarSimulation:
         self._model.set_timestep(FRAME / steps)
         if self._model.clutch:
             limit = NO_LIMIT if push.force_limit is None else push.force_limit
-            self._model.mujoco.dof_frictionloss[self._model.robot_velocity][4] = limit
+            self._model.mujoco.dof_frictionloss[self._model.robot_velocity][_CLUTCH] = limit
         for here, wrench in (self._driven if push.force_limit is None else self._driven_with_limit)(motion, steps):
             self._record(here, index, wrench)
         self._check_finite()
@@ -151,7 +156,7 @@ class PlanarSimulation:
                     heading = math.atan2(velocity[1], velocity[0])
                 along = np.array([math.cos(heading), math.sin(heading), 0.0])
                 catch_up = -slip / CATCH_UP
-                tool_speed = drive + self._robot_velocity[4]
+                tool_speed = drive + self._robot_velocity[_CLUTCH]
                 drive = speed + catch_up
                 x, y, _ = drive * along
                 turning = velocity[2] * goes_on
@@ -161,7 +166,7 @@ class PlanarSimulation:
                 force += self._robot_force
                 time += step * goes_on
                 pose = motion.pose(time)
-                slip = self._robot_position[4] + step * (catch_up if goes_on else drive)
+                slip = self._robot_position[_CLUTCH] + step * (catch_up if goes_on else drive)
             yield pose + slip * along, force[[0, 1, -1]] / steps
 
     def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
@@ -170,18 +175,19 @@ class PlanarSimulation:
         joints[:, [0, 1, -1]], joints[:, 2] = poses, height
         return joints
 
-    def _step_lifted(self, pose_world_from_tool: np.ndarray) -> None:
+    def _step_lifted(self, pose_of_tool: np.ndarray) -> None:
         self._model.set_timestep(TIMESTEP)
-        joints = self._robot_joints(pose_world_from_tool[None], 0.0)[0]
+        joints = self._robot_joints(pose_of_tool[None], 0.0)[0]
         for _ in range(round(FRAME / TIMESTEP)):
             self._robot_position[:] = joints
             self._robot_velocity[:] = 0.0
             mujoco.mj_step(self._model.mujoco, self._data)
 
-    def _record(self, pose_world_from_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
-        self._frames.append(np.vstack((pose_world_from_tool, self.poses)))
+    def _record(self, pose_of_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
+        self._tool_pose = pose_of_tool
+        self._frames.append(np.vstack((self._frame.poses_in_world(pose_of_tool), self.poses)))
         self._frame_push.append(push)
-        self._wrenches.append(np.zeros(3) if wrench is None else wrench)
+        self._wrenches.append(np.zeros(3) if wrench is None else self._frame.wrench_in_world(wrench))
 
     def _check_finite(self) -> None:
         if any(self._data.warning[kind].number for kind in _DIVERGED):
