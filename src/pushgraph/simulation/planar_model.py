@@ -46,6 +46,8 @@ LIFT_HEIGHT = 20.0
 SIDE_IMPEDANCE, ONSET_IMPEDANCE, ONSET = 0.99, 0.5, 3e-5
 """Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again
 and again."""
+TOUCH = 1e-8
+"""Sides touch from this gap on (m): were it zero, rounding would settle which corners of two faces that just touch do."""
 LIMIT_IMPEDANCE = 0.999
 LOOP_IMPEDANCE = 0.9999
 CLUTCH_IMPEDANCE = 0.9999
@@ -288,6 +290,7 @@ def _add_side(element: mujoco.MjsBody, shape: Cylinder | Cuboid, pose_in_element
         contype=SIDES,
         conaffinity=SIDES,
         condim=3,
+        margin=TOUCH,
         friction=[friction, 0, 0],
         solref=[2 * TIMESTEP, 1.0],
         solimp=[ONSET_IMPEDANCE, SIDE_IMPEDANCE, ONSET, 0.5, 2.0],
