@@ -47,7 +47,7 @@ SIDE_IMPEDANCE, ONSET_IMPEDANCE, ONSET = 0.99, 0.5, 3e-5
 """Of contacts at this depth (m) and beyond, and at their onset: were they hard from there, slip would part them again
 and again."""
 TOUCH = 1e-8
-"""Sides touch from this gap on (m): were it zero, rounding would settle which corners of two faces that just touch do."""
+"""Sides touch from this gap on (m): at zero, rounding would settle which corners of two faces that just touch do."""
 LIMIT_IMPEDANCE = 0.999
 LOOP_IMPEDANCE = 0.9999
 CLUTCH_IMPEDANCE = 0.9999
