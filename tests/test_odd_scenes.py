@@ -13,6 +13,9 @@ from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Part, Push, Tool
 
 CELL = 0.16
+REFUSALS = ("come down on body", "mm outside these points", "against what cannot give way", "is thrown off at")
+MOST_CRUSHED = 2
+"""Of twenty scenes, so many at most may be refused only once a body is crushed."""
 FARTHEST = 20.0
 """No body that the pushes of these scenes meet slides farther (m)."""
 
@@ -117,14 +120,15 @@ def draw_push(rng: np.random.Generator) -> Push:
 
 @pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.slow) for first in range(20, 200, 20))])
 def test_odd_scenes_move_to_finite_poses_or_are_refused_in_words(first: int) -> None:
-    wrong = []
+    wrong, crushed = [], 0
     for seed in range(first, first + 20):
         scene = odd_scene(seed)
         try:
             track = simulate(scene)
         except (SimulationError, SceneError) as error:
-            if not any(words in str(error) for words in ("come down on body", "mm outside these points")):
+            if not any(words in str(error) for words in REFUSALS):
                 wrong.append(f"{seed}: {error}")
+            crushed += any(words in str(error) for words in REFUSALS[2:])
             continue
         farthest = np.abs(track.poses[..., :2]).max()
         if not (np.isfinite(track.poses).all() and np.isfinite(track.wrench).all() and farthest < FARTHEST):
@@ -132,3 +136,4 @@ def test_odd_scenes_move_to_finite_poses_or_are_refused_in_words(first: int) -> 
         elif np.ptp(track.poses[:, 1:][:, scene.immovable], axis=0).max(initial=0.0) > 0:
             wrong.append(f"{seed}: a fixed body moves")
     assert not wrong, wrong
+    assert crushed <= MOST_CRUSHED

@@ -23,8 +23,12 @@ STALL = 1e-3
 CATCH_UP = 0.02
 """In about this time (s) a pusher that lags catches up, if its force suffices."""
 
+THROWN, THROWN_RATIO = 5.0, 25.0
+"""A body both so fast (m/s) and so much faster than the tool was not pushed: crushed, it was thrown by the solver."""
+
 _CLUTCH = 4
 """Place of the clutch among the robot's joints: x, y, height, heading, clutch, yaw."""
+_LESS_FORCE = "Let the push end earlier, go more slowly, or give it a force_limit"
 _DIVERGED = [
     int(warning)
     for warning in (
@@ -105,6 +109,7 @@ class PlanarSimulation:
             self._model.mujoco.dof_frictionloss[self._model.robot_velocity][_CLUTCH] = limit
         for here, wrench in (self._driven if push.force_limit is None else self._driven_with_limit)(motion, steps):
             self._record(here, index, wrench)
+            self._check_thrown(index, motion.speed)
         self._check_finite()
 
     def track(self) -> Track:
@@ -189,9 +194,21 @@ class PlanarSimulation:
         self._frame_push.append(push)
         self._wrenches.append(np.zeros(3) if wrench is None else self._frame.wrench_in_world(wrench))
 
+    def _check_thrown(self, push: int, tool_speed: float) -> None:
+        """tool_speed: of its fastest point (m/s)."""
+        motion = (self._frames[-1] - self._frames[-2])[1:, :2]
+        speeds = np.hypot(*motion.T) / FRAME
+        fastest = int(speeds.argmax())
+        if speeds[fastest] > max(THROWN, THROWN_RATIO * tool_speed):
+            raise SimulationError(
+                f"pushes[{push}]: body {self.scene.names[fastest]!r} is thrown off at {speeds[fastest]:.3g} m/s by a "
+                f"tool of {tool_speed:.3g} m/s: it is crushed between what cannot give way. {_LESS_FORCE}"
+            )
+
     def _check_finite(self) -> None:
         if any(self._data.warning[kind].number for kind in _DIVERGED):
             raise SimulationError(
                 f"the simulation diverged in pushes[{len(self._pushes) - 1}]; look for bodies pressed into each "
-                "other, or masses that differ by many orders of magnitude"
+                "other or against what cannot give way, or masses that differ by many orders of magnitude. "
+                f"{_LESS_FORCE}"
             )
