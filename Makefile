@@ -7,7 +7,7 @@ CACHE := $(or $(PUSHGRAPH_CACHE),$(HOME)/.cache/pushgraph)
 DATA := $(CACHE)/data
 WEIGHTS := src/pushgraph/weights
 PLANAR := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processes 1
-MIXED := --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5
+PARTS := --data $(DATA)/parts.h5 --validation $(DATA)/validation.h5 --processes 1
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
@@ -40,33 +40,25 @@ schema: install
 	  > docs/scene.schema.json
 
 # Every shipped checkpoint from nothing; killed, the same command goes on. make -j2 weights trains two side by side.
-# Beliefs stand on the physics weights, so they come after them. What is trained in stages goes from scenes of nine
-# bodies to scenes of 6 to 14.
+# Beliefs stand on the physics weights, so they come after them.
 weights: data
 	+$(MAKE) weights-contact weights-propnet
 	+$(MAKE) weights-belief weights-paper-recipe
 
 data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
-	$(BIN)/pushgraph generate planar-mixed --objects 14 --count 3200 --seed 1 --out $(DATA)/mixed.h5
+	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 800 --seed 0 --out $(DATA)/parts.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 
 weights-contact: data
-	$(PHYSICS) $(PLANAR) --model contact --samples 9000000 --batch 256 --learning-rate 3e-3 --propagation-steps 6 \
-	  --out $(CACHE)/contact-9.safetensors
-	$(PHYSICS) $(MIXED) --processes 1 --model contact --samples 5000000 --frames 16 --batch 160 --learning-rate 1.5e-3 \
-	  --propagation-steps 8 --start-from $(CACHE)/contact-9.safetensors --out $(WEIGHTS)/contact.safetensors
+	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
 
 weights-propnet: data
 	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --batch 64 --learning-rate 1e-3 --hidden 256 \
 	  --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
 
 weights-belief: data
-	$(BELIEF) $(PLANAR) --frames 100 --samples 2560000 --learning-rate 3e-3 --out $(CACHE)/belief-100.safetensors
-	$(BELIEF) $(PLANAR) --frames 200 --samples 1280000 --learning-rate 1e-3 \
-	  --start-from $(CACHE)/belief-100.safetensors --out $(CACHE)/belief-9.safetensors
-	$(BELIEF) $(MIXED) --processes 2 --frames 200 --samples 1600000 --learning-rate 1.5e-3 \
-	  --start-from $(CACHE)/belief-9.safetensors --out $(WEIGHTS)/belief.safetensors
+	$(BELIEF) $(PARTS) --frames 100 --samples 1100000 --learning-rate 3e-3 --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

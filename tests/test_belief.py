@@ -40,7 +40,7 @@ def untrained(name: str = "belief", seed: int = 0) -> BeliefModel:
     dynamics = load_checkpoint(shipped(BELIEFS[name].PHYSICS)).network
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        network = BELIEFS[name](hidden=16, latents=96 if name == "belief" else 256)
+        network = BELIEFS[name](hidden=16)
     return BeliefModel(network.eval().requires_grad_(False), dynamics.requires_grad_(False))
 
 
@@ -138,7 +138,9 @@ def test_memory_does_not_grow(ours, tracks) -> None:
 
 
 def _leaves(batch) -> list[torch.Tensor]:
-    return [batch] if isinstance(batch, torch.Tensor) else [leaf for part in batch for leaf in _leaves(part)]
+    if isinstance(batch, torch.Tensor):
+        return [batch]
+    return [leaf for part in batch for leaf in _leaves(part)] if isinstance(batch, tuple) else []
 
 
 def evidence(scene: Scene, moved: list[tuple[float, float, float]]) -> dict[str, list[float]]:

@@ -75,7 +75,7 @@ def test_a_checkpoint_that_is_not_what_it_says_is_refused(saved, edit, rehash, s
 def test_constants_of_features_are_part_of_a_checkpoint(saved, monkeypatch) -> None:
     made, path = saved
     if made.kind == "contact":
-        monkeypatch.setitem(contact_graph.CONSTANTS, "margin", 0.01)
+        monkeypatch.setitem(contact_graph.CONSTANTS, "twins", 0.01)
         with pytest.raises(CheckpointError, match=r"other features \(constants\)"):
             load_checkpoint(path)
 

@@ -9,10 +9,8 @@ from scenes import body, workshop
 from torch import nn
 
 from pushgraph.body import Joint
-from pushgraph.graph.contact_graph import CLAMP, contact_graph
 from pushgraph.graph.propnet_graph import propnet_graph
 from pushgraph.graph.state import Control, controls
-from pushgraph.network.contact_solver import ContactSolver
 from pushgraph.network.dynamics import ContactDynamics, PropnetDynamics
 from pushgraph.network.propagation import PropagationNetwork
 from pushgraph.physics import PhysicsPredictor
@@ -24,10 +22,25 @@ from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.tool import Push, Tool
 
 
+def unlearnt_contact() -> ContactDynamics:
+    """Weights that were drawn, so that what holds of it holds by construction."""
+    torch.manual_seed(0)
+    dynamics = ContactDynamics(hidden=24, steps=2).eval().requires_grad_(False)
+    for layer in (dynamics.network.of_edge, dynamics.network.of_node):
+        nn.init.normal_(layer.weight, std=0.05)
+        nn.init.normal_(layer.bias, std=0.05)
+    return dynamics
+
+
 @pytest.fixture(scope="module")
 def contact() -> PhysicsPredictor:
-    torch.manual_seed(0)
-    return PhysicsPredictor(ContactDynamics(hidden=24, steps=4).eval())
+    return PhysicsPredictor(unlearnt_contact())
+
+
+@pytest.fixture(scope="module")
+def laws() -> PhysicsPredictor:
+    """Without corrections."""
+    return PhysicsPredictor(ContactDynamics().eval().requires_grad_(False))
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +62,13 @@ def scenes() -> list[Scene]:
         )
         found.append((track.scene, track.poses, frame, bodies))
     return found
+
+
+@pytest.fixture
+def tightly(monkeypatch) -> None:
+    """Contact problems are solved to rounding, so that what the solver leaves does not count."""
+    monkeypatch.setattr("pushgraph.network.newton.CONVERGED", 1e-9)
+    monkeypatch.setattr("pushgraph.network.newton.ITERATIONS", 300)
 
 
 def one_frame(predictor: PhysicsPredictor, scene: Scene, poses: np.ndarray, frame: int) -> np.ndarray:
@@ -85,15 +105,15 @@ def test_moving_and_turning_the_scene_changes_motions_by_less_than_10_micrometre
     assert some > 4
 
 
-@pytest.mark.parametrize("kind", ["contact", "propnet"])
-def test_the_order_of_bodies_does_not_matter(kind, scenes, request) -> None:
+@pytest.mark.parametrize(("kind", "tolerance"), [("laws", 1e-6), ("contact", 1e-4), ("propnet", 1e-6)])
+def test_the_order_of_bodies_does_not_matter(kind, tolerance, scenes, tightly, request) -> None:
     predictor = request.getfixturevalue(kind)
     for scene, poses, frame, _ in scenes:
         order = np.random.default_rng(0).permutation(len(scene.bodies))
         shuffled = scene.replace(bodies=tuple(scene.bodies[k] for k in order))
         there = one_frame(predictor, scene, poses, frame)
         here = one_frame(predictor, shuffled, poses[:, [0, *(1 + order)]], frame)
-        np.testing.assert_allclose(here, there[order], atol=1e-6, rtol=0)
+        np.testing.assert_allclose(here, there[order], atol=tolerance, rtol=0)
 
 
 def test_what_the_tool_cannot_reach_stays_bit_for_bit(contact) -> None:
@@ -161,7 +181,7 @@ def test_predicted_frames_are_those_of_the_simulator(contact) -> None:
     np.testing.assert_allclose(simulated.poses[0], predicted.poses[0], atol=1e-12)
 
 
-def test_gradients_of_a_rollout_agree_with_finite_differences(contact) -> None:
+def test_gradients_of_a_rollout_agree_with_finite_differences(contact, tightly) -> None:
     scene = Scene(
         bodies=(body("a", 0.0, 0.0, Cuboid(size=(0.1, 0.08)), yaw=0.3), body("b", 0.125, 0.02)),
         tool=Tool.round(0.04),
@@ -225,47 +245,3 @@ def test_the_propagation_network_is_the_papers_worked_relation_by_relation(propn
         rows = zip(objects, total, effect, strict=True)
         effect = torch.stack([(network.object_propagator(torch.cat((o, t))) + e).relu() for o, t, e in rows])
     torch.testing.assert_close(network(graph).motion, network.head(effect), atol=1e-5, rtol=1e-5)
-
-
-def cross(turn: torch.Tensor, lever: torch.Tensor) -> torch.Tensor:
-    """How a point at a lever moves with a turn."""
-    return turn * torch.stack((-lever[1], lever[0]))
-
-
-def test_the_contact_solver_worked_edge_by_edge(contact) -> None:
-    scene = Scene(
-        bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0, Cuboid(size=(0.1, 0.08)), yaw=0.3), body("c", 0.02, 0.122)),
-        joints=(Joint(kind="revolute", parent="a", child="c"),),
-    )
-    graph = contact_graph(*small_state(scene, contact))
-    solver: ContactSolver = contact.dynamics.solver
-    edge, node, twist = solver.edge_encoder(graph.edges), solver.node_encoder(graph.nodes), graph.twist
-    assert len(graph.nodes) == 4
-    for _ in range(solver.steps):
-        total, change = torch.zeros_like(node), torch.zeros_like(twist)
-        to_receiver, to_sender = solver.from_nodes(node).chunk(2, -1)
-        for k, (receiver, sender) in enumerate(zip(graph.receiver.tolist(), graph.sender.tolist(), strict=True)):
-            x, y = graph.normal[k]
-            frame = torch.stack((graph.normal[k], torch.stack((-y, x))))
-            here, there = (torch.cat((frame @ twist[end, :2], twist[end, 2:])) for end in (receiver, sender))
-            levers = graph.receiver_levers[k], graph.sender_levers[k]
-            both = zip((here, there), levers, strict=True)
-            ends = [[end[:2] + cross(end[2], arm) for arm in arms] for end, arms in both]
-            left = [graph.offsets[k, p] + ends[1][p] - ends[0][p] for p in range(3)]
-            turned = there[2:] - here[2:]
-            along, hinge = graph.slack_axis[k, :2], graph.slack_axis[k, 2:]
-            used = along @ (left[2] - graph.offsets[k, 2]) + hinge * turned
-            slack = graph.slack[k] + torch.cat((used, -used))
-            shown = torch.cat((*left, graph.turn[k : k + 1] + turned, slack)).clamp(-CLAMP, CLAMP)
-            told = solver.from_estimates(torch.cat((shown, here, there)))
-            hidden = solver.message((edge[k] + told + to_receiver[receiver] + to_sender[sender]).relu()).relu()
-            weight = graph.edges[k, 0]
-            total[receiver] += hidden * weight
-            force = solver.force(hidden) * weight
-            torque = sum(force[2 * p : 2 * p + 2] @ cross(torch.tensor(1.0), levers[0][p]) for p in range(3))
-            change[receiver, :2] += frame.t() @ force[:6].view(3, 2).sum(0)
-            change[receiver, 2] += torque * graph.compliance[receiver] + force[6]
-        node = node + solver.node_update(torch.cat((node, total), -1))
-        damping = solver.damping(node)
-        twist = twist + (change + damping[:, [0, 0, 1]] * twist) * (~graph.kinematic)[:, None]
-    torch.testing.assert_close(solver(graph).twist, twist, atol=1e-5, rtol=1e-4)

@@ -24,6 +24,7 @@ ORDER = [
     "parts",
     "scene",
     "scene_parts",
+    "scene_range",
     "track",
     "plausibility",
     "simulation",

@@ -53,7 +53,9 @@ def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> Non
 def test_bfloat16_predicts_nearly_what_float32_does(model) -> None:
     exact, rounded = (load(model, precision=precision).predict(workshop()).poses for precision in PRECISIONS)
     assert rounded.dtype == exact.dtype
-    assert 0 < np.abs(rounded - exact)[:, 1:, :2].max() < 0.05 * np.abs(exact[-1] - exact[0])[1:, :2].max()
+    off = np.abs(rounded - exact)[:, 1:, :2].max()
+    assert off < 0.05 * np.abs(exact[-1] - exact[0])[1:, :2].max()
+    assert (off > 0) == (model == "propnet")  # without a correction nothing of `contact` is rounded
 
 
 def test_a_precision_that_there_is_not_is_named_with_those_there_are() -> None:
@@ -94,7 +96,6 @@ def test_table_1_of_the_paper_in_prediction() -> None:
             assert turned > 0.2
 
 
-@pytest.mark.xfail(strict=True, reason="the shipped weights were trained before friction held in the simulator")
 def test_a_predicted_hinge_turns_as_far_as_in_simulation() -> None:
     scene = two_discs("revolute")
     ends = [track.poses[-1, 1:, 2] for track in (load().predict(scene), simulate(scene))]
@@ -157,7 +158,7 @@ def test_a_pose_that_is_not_finite_stops_the_rollout_and_is_kept(tmp_path, monke
     monkeypatch.setenv("PUSHGRAPH_CACHE", str(tmp_path))
     dynamics = DYNAMICS["contact"](hidden=8, steps=2)
     with torch.no_grad():
-        dynamics.solver.force.bias.fill_(float("inf"))
+        dynamics.network.of_node.bias.fill_(float("nan"))
     with pytest.raises(PredictionError, match=r"body \d is not finite at frame \d+"):
         PhysicsPredictor(dynamics).predict(workshop())
     assert (tmp_path / "failures" / "rollout.safetensors").is_file()

@@ -17,7 +17,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pa
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
 
-CHUNK = 1024
+CHUNK = 256
 """Scene-frames whose evidence is computed together."""
 STRANGERS = 0.999
 """Joints join neighbours: probability that a pair which was never adjacent is not joined, unless by a fixed chain."""

@@ -51,3 +51,7 @@ class EvaluationError(PushGraphError):
 
 class BeliefError(PushGraphError):
     """What was observed cannot be, or cannot be learnt from."""
+
+
+class RangeWarning(UserWarning):
+    """A scene is unlike those that a predictor was checked on."""

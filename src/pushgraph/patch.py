@@ -93,6 +93,37 @@ def mass_properties(bodies: Sequence[Body]) -> MassProperties:
     return MassProperties(mass, patch.centre, mass * float(np.trace(patch.second_moments)))
 
 
+class BodyPatch(NamedTuple):
+    """How the mass of one body is spread, and where it presses, in its own frame; shares of each add up to 1."""
+
+    mass: Patch
+    pressure: Patch
+
+
+def patches_of_members(bodies: Sequence[Body]) -> list[BodyPatch]:
+    """Patch of each member of one piece: together they are that of the piece, whatever the members weigh."""
+    spread = _spread_of([body.replace(mass=1.0) for body in bodies])
+    found = []
+    for k, body in enumerate(bodies):
+        weights = spread.weights[:, k] / spread.weights[:, k].sum()
+        pose_body_from_world = pose.inverse(np.array(body.pose_world_from_body, dtype=float))
+        covered = weights > 0
+        mass = Patch(pose.transform(pose_body_from_world, spread.points[covered]), weights[covered])
+        pressure = mass
+        if body.support is not None:
+            points = np.array(body.support, dtype=float)
+            loads = _loads(points, mass.centre, body.name)
+            pressure = Patch(points[loads > 0], loads[loads > 0])
+        found.append(BodyPatch(mass, pressure))
+    return found
+
+
+def overlap_in_piece(bodies: Sequence[Body]) -> bool:
+    """Whether members of one piece overlap, so that each bears but a part of where it stands."""
+    places = tuple((body.shape, body.pose_world_from_body) for body in bodies)
+    return len(_overlapping(places)) < len(bodies)
+
+
 class _Spread(NamedTuple):
     """Points (m), and the share of the piece's mass that each body has there; all add up to 1."""
 

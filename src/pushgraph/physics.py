@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,15 @@ from torch import Tensor
 
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import CheckpointError, PredictionError
+from pushgraph.errors import CheckpointError, PredictionError, RangeWarning
 from pushgraph.graph.scene_batch import batch_scenes
-from pushgraph.graph.state import Control, State, controls, start
+from pushgraph.graph.state import Control, State, start
+from pushgraph.graph.steps import plan_steps
 from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import in_parts
+from pushgraph.scene_range import outside
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.storage import cache_folder, replacing
 from pushgraph.tool import Push
@@ -39,16 +42,19 @@ def rollout(
     state: State,
     tool: Float[Tensor, "batch frames 3"],
     down: Bool[Tensor, "batch frames"],
+    frames_per_step: int = 1,
 ) -> Float[Tensor, "batch frames bodies 3"]:
     """Poses of all bodies (pose_world_from_body) in every frame, the first being the state's.
 
-    tool: pose_world_from_tool. down: whether it is down on the table. Differentiable in all poses.
+    tool: pose_world_from_tool. down: whether it is down on the table. frames_per_step: how many frames a step may
+    cover, see `pushgraph.graph.steps`. Differentiable in all poses.
     """
-    return follow(dynamics, state, controls(tool, down))
+    steps = plan_steps(tool, down, state.scenes.tool_radius, frames_per_step)
+    return steps.at_frames(follow(dynamics, state, steps.controls), tool.shape[1])
 
 
-def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float[Tensor, "batch frames bodies 3"]:
-    """Poses of all bodies in every frame, the first being the state's; the course tells what the tool does next.
+def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float[Tensor, "batch steps bodies 3"]:
+    """Poses of all bodies after every step, the first being the state's; the course tells what the tool does next.
 
     What cannot move is held in place, whatever the network makes of it.
     """
@@ -58,7 +64,7 @@ def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float
     with contextlib.nullcontext() if torch.is_grad_enabled() else torch.inference_mode():
         for control in course:
             poses.append(poses[-1] + dynamics(state, control).masked_fill(held, 0.0))
-            state = state.observe(poses[-1])
+            state = state.observe(poses[-1], control.frames)
     return torch.stack(poses, 1)
 
 
@@ -70,6 +76,7 @@ class PhysicsPredictor:
 
     def __init__(self, dynamics: Dynamics, record: Mapping[str, Any] | None = None) -> None:
         self.dynamics, self.record = dynamics, dict(record or {})
+        self._warned = False
 
     @classmethod
     def load(
@@ -103,10 +110,14 @@ class PhysicsPredictor:
         return start(batch, poses)
 
     def rollout(
-        self, states: State, tool: Float[Tensor, "batch frames 3"], down: Bool[Tensor, "batch frames"]
+        self,
+        states: State,
+        tool: Float[Tensor, "batch frames 3"],
+        down: Bool[Tensor, "batch frames"],
+        frames_per_step: int = 1,
     ) -> Float[Tensor, "batch frames bodies 3"]:
         """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses."""
-        return rollout(self.dynamics, states, tool, down)
+        return rollout(self.dynamics, states, tool, down, frames_per_step)
 
     def predict(self, scene: Scene, pushes: Sequence[Push] | None = None) -> Track:
         """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them.
@@ -120,12 +131,18 @@ class PhysicsPredictor:
             raise PredictionError(fault)
         return track
 
-    def predict_many(self, scenes: Sequence[Scene], frames: int | None = None) -> list[Track]:
+    def predict_many(
+        self, scenes: Sequence[Scene], frames: int | None = None, frames_per_step: int = 1
+    ) -> list[Track]:
         """Predict many scenes side by side; with `frames`, only so many frames of each.
 
+        frames_per_step: how many frames a step may cover, see `pushgraph.graph.steps`.
+
+        Warns, once, of what is unlike the scenes that the predictor was checked on.
         Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
         not finite; what caused it is saved.
         """
+        self._warn_of_range(scenes)
         plans = [plan_tool(scene.pushes, scene.tool) for scene in scenes]
         plans = [(poses[:frames], push[:frames]) for poses, push in plans]
         longest = max(len(push) for _, push in plans)
@@ -135,7 +152,10 @@ class PhysicsPredictor:
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:
             poses = self.rollout(
-                self.start([apart.scene for apart in taken_apart]), torch.from_numpy(tool), torch.from_numpy(down)
+                self.start([apart.scene for apart in taken_apart]),
+                torch.from_numpy(tool),
+                torch.from_numpy(down),
+                frames_per_step,
             )
         self._check_finite(poses, tool)
         tracks = []
@@ -151,6 +171,16 @@ class PhysicsPredictor:
                 )
             )
         return tracks
+
+    def _warn_of_range(self, scenes: Sequence[Scene]) -> None:
+        """Warn, once, of what is unlike the scenes that the predictor was checked on."""
+        if self._warned or not self.record.get("range"):
+            return
+        for scene in scenes:
+            if said := outside(scene, self.record["range"]):
+                self._warned = True
+                warnings.warn(f"unlike what this predictor was checked on: {'; '.join(said)}", RangeWarning, 4)
+                return
 
     def _check_finite(self, poses: Tensor, tool: np.ndarray) -> None:
         bad = ~poses.isfinite().all(-1)

@@ -37,11 +37,11 @@ def physics(
     out: _Out,
     model: Annotated[str, typer.Option(help="contact (ours) or propnet (the paper's).")] = "contact",
     samples: Annotated[int, typer.Option(min=1, help="Predicted frames of training windows, all in all.")] = 20_000_000,
-    frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 10,
+    frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 4,
     batch: Annotated[int, typer.Option(min=1, help="Windows in a step, over all processes.")] = 256,
-    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 1.5e-3,
-    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 96,
-    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 8,
+    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 48,
+    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 2,
     precision: _Precision = "float32",
     seed: _Seed = 0,
     start_from: _StartFrom = None,
@@ -123,6 +123,7 @@ def belief(
 
 
 _PHYSICS_COLUMNS = {
+    "bounded error (cm)": "bounded_error_cm",
     "mean error (cm)": "mean_error_cm",
     "final error, moved (cm)": "final_error_moved_cm",
     "displacement (cm)": "displacement_moved_cm",

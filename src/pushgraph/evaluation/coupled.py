@@ -142,7 +142,7 @@ def rollout_errors(
         for start, before, several in zip(starts, befores, assumed, strict=True)
         for relations in several
     ]
-    shape = len(starts), len(states) // len(starts), len(scenes.reach)
+    shape = len(starts), len(states) // len(starts), len(scenes.tool_radius)
 
     def from_starts(values: Tensor, course: list[list[int]]) -> Tensor:
         """Frames of every start, alike for all that is assumed."""

@@ -1,12 +1,13 @@
-"""The graph of `contact`: pieces that the tool can move in this frame, edges where they nearly touch or are joined.
+"""The graph of one step: pieces that may move as nodes, what stands between them as contacts and joints.
 
-An edge is told everything in its contact frame, x along the normal from receiver to sender, y to the left of that,
-so features do not change when the scene is moved or turned. Lengths are given as shares of the tool's step where
-they can matter within it, so that slow and fast pushes look alike.
+Pushing looks alike at any speed and size of the step: so lengths are counted in lengths of the step (how far its
+fastest point goes), turns as the length that they have at LEVER, lever arms in LEVER. Planar vectors are in world axes,
+their two numbers first and the rows last.
+
+The geometry is that of the middle of the step, where the last motion of each piece and the tool's own lead: then what
+is linear in the motion is right to second order. Gaps, drifts and the like are what this geometry makes of the start.
 """
 
-import re
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -15,274 +16,383 @@ from torch import Tensor
 from torch.nn import functional
 
 from pushgraph import pose
-from pushgraph.graph.near import MARGIN, SLIDER_REACH, STEPS_OF_REACH, Near, Reach, near_pairs, within_reach
+from pushgraph.contact import Contact, RoundedBox, contact_between
+from pushgraph.graph.broad_phase import LEVER, Reachable, reachable, tied_to
 from pushgraph.graph.pieces import Pieces, gather_pieces, mean_motion
-from pushgraph.graph.scene_batch import JOINT_CODES, Relations
+from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import Control, State
-from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
+from pushgraph.track import FRAME
 
-LEVER = 0.05
-"""Turns by an angle count as this arm (m) times the angle."""
-CLAMP = 4.0
-"""Shares of the tool's step beyond this are told as this."""
-UNLIMITED = 40.0
-"""Room (m) where a pair has no joint with limits."""
-STEP, CENTIMETRE, FRICTION = 0.01, 0.01, 0.1
-"""Units of the tool's step (m), of gaps and drifts (m), and of friction off its nominal value."""
+GRAVITY = 9.81
+PASSED = 0.001
+"""Where two pieces that close upon each other would lie deeper than this in the middle of the step (m), they have not
+met yet, and their geometry is that of its start."""
+TWINS = 0.007
+"""Contacts of the same two nodes that are nearer to each other than this (m) count less: as one where they coincide."""
+SAME_POINT = 1e-6
+"""Contacts of a pair nearer to each other than this (m) are one."""
 
-NODE_FEATURES = ("mass", "mass_known", "patch_radius", "table_friction", "table_friction_known", "kinematic", "step")
-EDGE_FEATURES = (
-    "fade",
-    *("gap_1_steps", "gap_2_steps", "gap_1", "gap_2"),
-    *(f"{end}_lever_{point}_{axis}" for end in ("receiver", "sender") for point in (1, 2, "joint") for axis in "xy"),
-    *("prismatic", "revolute", "unknown", "remembered"),
-    *("drift_steps_x", "drift_steps_y", "drift_x", "drift_y", "turn_steps", "turn"),
-    *("axis_x", "axis_y", "slack_low_steps", "slack_high_steps", "slack_low", "slack_high"),
-    *("side_friction", "side_friction_known", "sender_kinematic", "receiver_yaw_known", "sender_yaw_known", "step"),
-    *(f"{end}_last_{part}" for end in ("receiver", "sender") for part in ("x", "y", "turn")),
-)
+
+class Nodes(NamedTuple):
+    """Pieces, and tools that move.
+
+    scene: which of the batch. body: the piece's first body in [batch * bodies]. given: whether the motion is given, as
+    that of tools and of what cannot move. mass: as a share of all that may move in the scene. gyration: mean squared
+    distance of the mass from its centre; both are 1 where the motion is given. centre: world (m). step: length of the
+    scene's step (m). inertia: how strongly mass resists another motion than the last, over the friction that it meets:
+    step / (mu g time^2). twist: given motions in the step, zero elsewhere. last_twist: what the motion is if nothing
+    acts.
+    """
+
+    scene: Int[Tensor, " nodes"]
+    body: Int[Tensor, " nodes"]
+    is_tool: Bool[Tensor, " nodes"]
+    given: Bool[Tensor, " nodes"]
+    mass: Float[Tensor, " nodes"]
+    gyration: Float[Tensor, " nodes"]
+    centre: Float[Tensor, "nodes 2"]
+    step: Float[Tensor, " nodes"]
+    inertia: Float[Tensor, " nodes"]
+    twist: Float[Tensor, "3 nodes"]
+    last_twist: Float[Tensor, "3 nodes"]
+
+
+class Feet(NamedTuple):
+    """Where free pieces press on the table. weight: as a share, as masses are; radius: friction radius."""
+
+    node: Int[Tensor, " feet"]
+    arm: Float[Tensor, "2 feet"]
+    weight: Float[Tensor, " feet"]
+    radius: Float[Tensor, " feet"]
+
+
+class Edges(NamedTuple):
+    """Pairs of bodies, or of a body and a part of the tool, that share an edge. first, second: nodes.
+
+    relation: where the pair stands in [batch * pairs], -1 for those of the tool. fade: from 1 to 0 where the gap is
+    about to be too wide; 1 for pairs that are joined, or may be.
+    """
+
+    scene: Int[Tensor, " edges"]
+    first: Int[Tensor, " edges"]
+    second: Int[Tensor, " edges"]
+    first_body: Int[Tensor, " edges"]
+    second_body: Int[Tensor, " edges"]
+    relation: Int[Tensor, " edges"]
+    is_tool: Bool[Tensor, " edges"]
+    normal: Float[Tensor, "2 edges"]
+    fade: Float[Tensor, " edges"]
+
+
+class Points(NamedTuple):
+    """Points that two nodes share: contacts, or anchors of joints. edge: whose they are. Arms from centres of mass."""
+
+    edge: Int[Tensor, " points"]
+    first: Int[Tensor, " points"]
+    second: Int[Tensor, " points"]
+    first_arm: Float[Tensor, "2 points"]
+    second_arm: Float[Tensor, "2 points"]
+
+
+class Contacts(NamedTuple):
+    """Contacts. normal: from first to second. share: 1 over how many contacts of the same two nodes stand there."""
+
+    points: Points
+    normal: Float[Tensor, "2 contacts"]
+    gap: Float[Tensor, " contacts"]
+    friction: Float[Tensor, " contacts"]
+    share: Float[Tensor, " contacts"]
+
+
+class Joints(NamedTuple):
+    """Hinges and sliders.
+
+    drift: of the second's anchor from the first's. turn: of second against first, since the joint was made. axis: along
+    which a slider slides, zero for a hinge. low, high: room left to the limits, of a turn or along the axis.
+    """
+
+    points: Points
+    revolute: Bool[Tensor, " joints"]
+    drift: Float[Tensor, "2 joints"]
+    turn: Float[Tensor, " joints"]
+    axis: Float[Tensor, "2 joints"]
+    low: Float[Tensor, " joints"]
+    high: Float[Tensor, " joints"]
 
 
 class ContactGraph(NamedTuple):
-    """One flat graph of many scenes; the tool is a node whose twist is given.
+    """One flat graph of many scenes."""
 
-    step: the tool's step in each node's scene (m). twist: of each node in this frame, of its centre of mass, world
-    axes, in steps, angles times LEVER; zero where it is to be found. body: row of the piece in [batch * bodies].
-    normal: from receiver to sender, world. levers: from centre of mass to the two contacts and the joint's anchor,
-    in contact frame (LEVER). offsets: what stands between the ends of these three, in steps: gap, 0, gap, 0, drift.
-    turn: of the sender relative to the receiver since the joint was made, in steps. slack: room to the joint's limits,
-    in steps; slack_axis: which of the drift's components and the turn use it up. compliance: squared ratio of LEVER
-    to how hard the receiver is to turn. relation: where the edge stands in [batch * pairs * 2], the pair's later body
-    being the receiver of the second; -1 for the tool's.
+    nodes: Nodes
+    feet: Feet
+    edges: Edges
+    contacts: Contacts
+    joints: Joints
+    pieces: Pieces
+
+
+CONSTANTS = {"lever": LEVER, "passed": PASSED, "twins": TWINS}
+"""What predictions depend on beside the features' names."""
+
+
+def contact_graph(state: State, control: Control, reach: Reachable | None = None) -> ContactGraph:
+    """Build the graph of one step, float64. reach: if it is known already.
+
+    Half of the digits are lost where light things and heavy ones, stiff ones and loose ones, meet.
     """
+    state, control = state.double(), control.double()
+    reach = reachable(state, control) if reach is None else reach
+    scenes = state.scenes
+    frames = torch.as_tensor(control.frames, dtype=reach.length.dtype).to(reach.length).expand_as(reach.length)
+    halfway = state.motions * (frames / 2)[:, None, None]
+    halfway = halfway.masked_fill(scenes.immovable[..., None], 0.0)
+    middle = state._replace(poses=state.poses + halfway)
+    middle_control = control._replace(pose=control.pose + control.motion / 2)
+    pairs = _narrow_phase(state, control, middle, middle_control, reach)
 
-    nodes: Float[Tensor, "nodes node_features"]
-    step: Float[Tensor, " nodes"]
-    twist: Float[Tensor, "nodes 3"]
-    kinematic: Bool[Tensor, " nodes"]
-    compliance: Float[Tensor, " nodes"]
-    body: Int[Tensor, " nodes"]
-    receiver: Int[Tensor, " edges"]
-    sender: Int[Tensor, " edges"]
-    edges: Float[Tensor, "edges edge_features"]
-    normal: Float[Tensor, "edges 2"]
-    receiver_levers: Float[Tensor, "edges 3 2"]
-    sender_levers: Float[Tensor, "edges 3 2"]
-    offsets: Float[Tensor, "edges 3 2"]
-    turn: Float[Tensor, " edges"]
-    slack: Float[Tensor, "edges 2"]
-    slack_axis: Float[Tensor, "edges 3"]
-    relation: Int[Tensor, " edges"]
-    pieces: Pieces
-
-
-CONSTANTS = {
-    "margin": MARGIN,
-    "steps_of_reach": STEPS_OF_REACH,
-    "slider_reach": SLIDER_REACH,
-    "lever": LEVER,
-    "clamp": CLAMP,
-}
-"""What the weights depend on beside the features' names."""
-
-
-def contact_graph(state: State, control: Control, reach: Reach | None = None) -> ContactGraph:
-    """Build the graph of one frame; float32, whatever the precision of the poses. reach: if it is known already."""
-    reach = within_reach(state, control) if reach is None else reach
-    pieces = gather_pieces(state.scenes, reach.index, state.poses[..., :2])
-    near = near_pairs(reach)
-
-    # Only what an edge meets stands in the graph. A node's slot is its piece's first body; the tool's follows them.
-    slot, place = near.pieces.unique(return_inverse=True)
-    nodes = _nodes(state, control, pieces, reach.step, slot)
-    return _with_edges(state, near, nodes, *place)
-
-
-class _Nodes(NamedTuple):
-    features: Tensor
-    step: Tensor
-    centre: Tensor
-    twist: Tensor
-    last_twist: Tensor
-    kinematic: Tensor
-    patch_radius: Tensor
-    body: Tensor
-    pieces: Pieces
-
-
-def _nodes(state: State, control: Control, pieces: Pieces, step: Tensor, slot: Tensor) -> _Nodes:
-    scenes, bodies = state.scenes, pieces.index.shape[1]
-    scene, piece = slot // (bodies + 1), slot % (bodies + 1)
-    kinematic = piece == bodies
-    body = scene * bodies + piece.clamp(max=bodies - 1)
-    step = step.index_select(0, scene)
-    of_body = torch.stack((pieces.mass, scenes.mass_known.float(), pieces.patch_radius), -1)
-    of_body = torch.where(kinematic[:, None], of_body.new_tensor([NOMINAL_MASS, 1.0, LEVER]), _rows(of_body, body))
-    mass, mass_known, patch = of_body.unbind(-1)
-    friction = (scenes.table_friction - NOMINAL_TABLE_FRICTION) / FRICTION
-    friction = torch.stack((friction, scenes.table_friction_known.float())).index_select(1, scene)
-    features = (
-        (mass / NOMINAL_MASS).log(),
-        mass_known,
-        patch / LEVER,
-        *friction,
-        kinematic.float(),
-        (step / STEP).log(),
-    )
-    unit = patch.new_tensor([1.0, 1.0, LEVER]) / step[:, None]
-    last = _rows(mean_motion(scenes, pieces.index, state.motions), body)
-    last = torch.where(kinematic[:, None], control.last_motion.index_select(0, scene), last).float() * unit
-    twist = control.motion.float().index_select(0, scene) * unit
-    return _Nodes(
-        features=torch.stack(features, -1),
-        step=step,
-        centre=torch.where(kinematic[:, None], control.pose[scene, :2], _rows(pieces.centre, body)),
-        twist=torch.where(kinematic[:, None], twist, 0.0),
-        last_twist=last.clamp(-CLAMP, CLAMP),
-        kinematic=kinematic,
-        patch_radius=patch,
-        body=body,
-        pieces=pieces,
-    )
-
-
-def _with_edges(state: State, near: Near, nodes: _Nodes, first: Tensor, second: Tensor) -> ContactGraph:
-    """The graph with its edges: for two bodies one each way, for the tool only towards the body."""
-    scenes, relations, is_tool = state.scenes, state.relations, near.is_tool
-    joint = near.scene * relations.kind.shape[1] + near.pair.masked_fill(is_tool, 0)
-    told = _told(relations, joint).masked_fill(is_tool[:, None], 0.0)
-    flags, anchor_a, anchor_b, axis, limits, yaw_offset = told.split((4, 2, 2, 2, 2, 1), -1)
-    anchors = (pose.as_complex(vectors) for vectors in (anchor_a, anchor_b, axis))
-    local, normal = _in_contact_frame(near, *anchors, nodes.centre[first], nodes.centre[second])
-    yaw_a, yaw_b = near.poses[..., 2]
-    turn = pose.wrap_angle((yaw_b - yaw_a - yaw_offset[:, 0]).float()) * LEVER
-
-    prismatic, revolute = flags[:, 0] > 0, flags[:, 1] > 0
-    limits = limits * torch.where(revolute, LEVER, 1.0)[:, None]
-    along = torch.where(revolute, turn, (local[:, 6] * local[:, 7]).sum(-1))
-    slack = torch.stack((along - limits[:, 0], limits[:, 1] - along), -1)
-    slack = torch.where((prismatic | revolute)[:, None], slack, UNLIMITED)
-    held, slides = flags[:, 3:], flags[:, :1]
-    ones = torch.ones_like(held)
-    local = local * torch.cat((ones, ones, held, ones, ones, held, held, slides), -1)[..., None]
-
-    step = nodes.step.index_select(0, first)[:, None]
-    lengths = torch.cat((near.contact.gaps, local[:, 6], turn[:, None] * held, slack), -1)
-    steps, soft = (lengths / step).clamp(-CLAMP, CLAMP), (lengths / _UNITS.to(lengths)).tanh()
-    side = (scenes.side_friction - NOMINAL_SIDE_FRICTION) / FRICTION
-    side = torch.stack((side, scenes.side_friction_known.float()), -1).index_select(0, near.scene)
-    yaw_known = torch.cat((scenes.yaw_known, torch.ones_like(scenes.part_present)), 1)
-    rows = near.scene * yaw_known.shape[1] + torch.stack((near.first, near.second))
-    yaw_known = yaw_known.flatten().index_select(0, rows.flatten()).view_as(rows)
-    last = in_frame(nodes.last_twist[torch.stack((first, second))], normal)
-    features = (
-        near.fade[:, None],
-        *(steps[:, :2], soft[:, :2]),
-        (local[:, :6] / LEVER).flatten(1),
-        flags,
-        *(steps[:, 2:4], soft[:, 2:4], steps[:, 4:5], soft[:, 4:5]),
-        local[:, 7],
-        *(steps[:, 5:], soft[:, 5:]),
-        side,
-        torch.stack((is_tool, *yaw_known), -1).to(flags.dtype),
-        (step / STEP).log(),
-        *last,
-    )
-    edges = torch.cat(features, -1)
-    mirrored = (~is_tool).nonzero().squeeze(-1)
-    edges = torch.cat((edges, _mirror(edges[mirrored])))
-    levers = edges[:, _COLUMN["receiver_lever_1_x"] : _COLUMN["prismatic"]].unflatten(-1, (2, 3, 2))
-    drift = edges[:, None, _COLUMN["drift_steps_x"] : _COLUMN["drift_x"]]
-    gaps = functional.pad(edges[:, _COLUMN["gap_1_steps"] : _COLUMN["gap_1"], None], (0, 1))
-    axis, hinge = edges[:, _COLUMN["axis_x"] : _COLUMN["slack_low_steps"]], edges[:, _COLUMN["revolute"], None]
+    pieces = gather_pieces(scenes, reach.piece, middle.poses)
+    alone = reach.moving.flatten().nonzero().squeeze(-1)
+    slot, place = torch.cat((pairs.slots.flatten(), alone)).unique(return_inverse=True)
+    nodes = _nodes(state, middle_control, pieces, reach, frames, slot)
+    first, second = place[: pairs.slots.numel()].view(2, -1)
+    edges = _edges(pairs, reach, scenes.relations.kind.shape[1], first, second)
     return ContactGraph(
-        nodes=nodes.features,
-        step=nodes.step,
-        twist=nodes.twist,
-        kinematic=nodes.kinematic,
-        compliance=(LEVER / nodes.patch_radius).square(),
-        body=nodes.body,
-        receiver=torch.cat((first, second[mirrored])),
-        sender=torch.cat((second, first[mirrored])),
+        nodes=nodes,
+        feet=_feet(middle, reach, nodes, slot),
         edges=edges,
-        normal=torch.cat((normal, -normal[mirrored])),
-        receiver_levers=levers[:, 0],
-        sender_levers=levers[:, 1],
-        offsets=torch.cat((gaps, drift), 1),
-        turn=edges[:, _COLUMN["turn_steps"]],
-        slack=edges[:, _COLUMN["slack_low_steps"] : _COLUMN["slack_low"]],
-        slack_axis=torch.cat((axis, hinge), -1),
-        relation=torch.cat((torch.where(is_tool, -1, 2 * joint), 2 * joint[mirrored] + 1)),
-        pieces=nodes.pieces,
+        contacts=_contacts(state, pairs, edges, nodes),
+        joints=_joints(state, pairs, edges, nodes),
+        # Pieces move from where they start.
+        pieces=gather_pieces(scenes, reach.piece, state.poses),
     )
 
 
-_COLUMN = {name: k for k, name in enumerate(EDGE_FEATURES)}
-_UNITS = torch.tensor((CENTIMETRE,) * 4 + (LEVER,) * 3)
-"""Of gaps, drift, turn and slack."""
+class _Pairs(NamedTuple):
+    """Pairs that share an edge, with their poses in the middle of the step or, where they meet in it, at its start."""
+
+    scene: Tensor
+    pair: Tensor
+    first: Tensor
+    second: Tensor
+    slots: Tensor
+    poses: Tensor
+    contact: Contact
+    at_start: Tensor
+    fade: Tensor
+
+
+def _narrow_phase(state: State, control: Control, middle: State, middle_control: Control, reach: Reachable) -> _Pairs:
+    nodes = reach.poses.shape[1]
+    parts = state.scenes.pose_tool_from_part.to(state.poses.dtype)
+    middle_poses = torch.cat((middle.poses, pose.compose(middle_control.pose[:, None], parts)), 1)
+    rows = (torch.stack((reach.first, reach.second)) + reach.scene * nodes).flatten()
+
+    def of_ends(values: Tensor) -> Tensor:
+        return values.flatten(0, 1).index_select(0, rows).unflatten(0, (2, -1))
+
+    poses, start_poses = of_ends(middle_poses), of_ends(reach.poses)
+    half_extents, radius = of_ends(reach.shapes.half_extents), of_ends(reach.shapes.radius)
+
+    def touch(poses: Tensor, chosen: Tensor | slice) -> Contact:
+        boxes = (RoundedBox(half_extents[end][chosen], radius[end][chosen]) for end in range(2))
+        return contact_between(*boxes, pose.relative(*poses))
+
+    contact = touch(poses, slice(None))
+    at_start = contact.gap < -PASSED
+    deep = at_start.nonzero().squeeze(-1)
+    if len(deep):
+        poses = poses.index_copy(1, deep, start_poses[:, deep])
+        again = touch(start_poses[:, deep], deep)
+        contact = Contact(*(old.index_copy(0, deep, new) for old, new in zip(contact, again, strict=True)))
+    widest = reach.widest.index_select(0, reach.scene)
+    fade = ((widest - contact.gap) / (widest / 3)).clamp(0, 1)
+    fade = torch.where(contact.gap < reach.keep, 1.0, fade)
+    tied = tied_to(reach.moving.long(), reach.slots, reach.immovable.flatten(), fade > 0)[0]
+    return _Pairs(
+        *(rows.index_select(-1, tied) for rows in (reach.scene, reach.pair, reach.first, reach.second, reach.slots)),
+        poses=poses.index_select(1, tied),
+        contact=Contact(*(values.index_select(0, tied) for values in contact)),
+        at_start=at_start.index_select(0, tied),
+        fade=fade.index_select(0, tied),
+    )
+
+
+def _nodes(
+    state: State, control: Control, pieces: Pieces, reach: Reachable, frames: Tensor, slot: Int[Tensor, " nodes"]
+) -> Nodes:
+    scenes, bodies = state.scenes, reach.piece.shape[1]
+    scene, piece = slot // (bodies + 1), slot % (bodies + 1)
+    is_tool = piece == bodies
+    body = scene * bodies + piece.clamp(max=bodies - 1)
+    mass, gyration = (_rows(values, body) for values in (pieces.mass, pieces.gyration))
+    given = is_tool | _rows(pieces.immovable, body)
+    total = torch.zeros_like(reach.length).index_add(0, scene, torch.where(given, 0.0, mass))
+    step, time = (values.index_select(0, scene) for values in (reach.length, frames * FRAME))
+    unit = step.new_tensor([1.0, 1.0, LEVER])[:, None] / step
+    last = _rows(mean_motion(scenes, reach.piece, state.motions), body) * frames.index_select(0, scene)[:, None]
+    motion = control.motion.index_select(0, scene).t()
+    friction = scenes.table_friction.index_select(0, scene)
+    return Nodes(
+        scene=scene,
+        body=body,
+        is_tool=is_tool,
+        given=given,
+        mass=torch.where(given, 1.0, mass / total.index_select(0, scene).clamp(min=1e-9)),
+        gyration=torch.where(given, 1.0, gyration / LEVER**2),
+        centre=torch.where(is_tool[:, None], control.pose[scene, :2], _rows(pieces.centre, body)),
+        step=step,
+        inertia=step / (GRAVITY * friction * time.square()),
+        twist=torch.where(is_tool, motion, 0.0) * unit,
+        last_twist=torch.where(is_tool, motion, torch.where(given, 0.0, last.t())) * unit,
+    )
+
+
+def _feet(middle: State, reach: Reachable, nodes: Nodes, slot: Tensor) -> Feet:
+    scenes, (batch, bodies) = middle.scenes, reach.piece.shape
+    node_of_slot = slot.new_full((batch * (bodies + 1),), -1)
+    node_of_slot[slot] = torch.where(nodes.given, -1, torch.arange(len(slot), device=slot.device))
+    slots = torch.arange(batch, device=slot.device)[:, None] * (bodies + 1) + reach.piece
+    node = torch.where(scenes.present, node_of_slot[slots], -1).flatten()
+    body = (node >= 0).nonzero().squeeze(-1)
+    node = node[body]
+    poses = middle.poses.flatten(0, 1)[body]
+    points, shares, radii = (values.flatten(0, 1)[body] for values in scenes.feet)
+    (x, y), (cos, sin) = points.unbind(-1), (f(poses[:, 2:]) for f in (torch.cos, torch.sin))
+    centre = (poses[:, :2] - nodes.centre[node])
+    arm = torch.stack((cos * x - sin * y + centre[:, :1], sin * x + cos * y + centre[:, 1:])) / LEVER
+    own = scenes.mass.flatten()[body] / _rows_sum(nodes, scenes.mass.flatten()[body], node)
+    weight = own[:, None] * nodes.mass[node][:, None] * shares
+    node = node[:, None].expand(weight.shape).reshape(-1)
+    return Feet(node, arm.reshape(2, -1), weight.reshape(-1), (radii / LEVER).reshape(-1))
+
+
+def _rows_sum(nodes: Nodes, values: Tensor, node: Tensor) -> Tensor:
+    """For each row the sum of the values of all rows of its node."""
+    return torch.zeros_like(nodes.mass).index_add(0, node, values).index_select(0, node).clamp(min=1e-9)
+
+
+def _edges(pairs: _Pairs, reach: Reachable, relations: int, first: Tensor, second: Tensor) -> Edges:
+    bodies = reach.piece.shape[1]
+    is_tool = pairs.second >= bodies
+    yaw, normal = pairs.poses[0, :, 2], pairs.contact.normal
+    return Edges(
+        scene=pairs.scene,
+        first=first,
+        second=second,
+        first_body=pairs.scene * bodies + pairs.first,
+        second_body=pairs.scene * bodies + pairs.second.clamp(max=bodies - 1),
+        relation=torch.where(is_tool, -1, pairs.scene * relations + pairs.pair),
+        is_tool=is_tool,
+        normal=pose.rotate(normal, yaw).t(),
+        fade=pairs.fade,
+    )
+
+
+def _contacts(state: State, pairs: _Pairs, edges: Edges, nodes: Nodes) -> Contacts:
+    """One or two contacts an edge; none between the two ends of a slider, nor between what does not move."""
+    slides = _of_relation(state.relations.kind, edges) == JOINT_CODES["prismatic"]
+    touches = ~slides & ~(nodes.given[edges.first] & nodes.given[edges.second])
+    apart = (pairs.contact.points_a[:, 0] - pairs.contact.points_a[:, 1]).abs().amax(-1) > SAME_POINT
+    edge, number = torch.stack((touches, touches & apart), 1).nonzero(as_tuple=True)
+    first, second = edges.first[edge], edges.second[edge]
+    poses = pairs.poses[0][edge]
+    arms = []
+    for node, points in ((first, pairs.contact.points_a), (second, pairs.contact.points_b)):
+        point = pose.rotate(points[edge, number], poses[:, 2])
+        arms.append(_arm(nodes, node, poses, point, pairs.at_start[edge]))
+    points = Points(edge, first, second, *arms)
+    normal = edges.normal[:, edge]
+    gap = pairs.contact.gaps[edge, number] / nodes.step[first]
+    x, y, _ = _moved_halfway(nodes, points, pairs.at_start)
+    return Contacts(
+        points=points,
+        normal=normal,
+        gap=gap - (x * normal[0] + y * normal[1]),
+        friction=state.scenes.side_friction[edges.scene[edge]],
+        share=1 / _twins(nodes, points),
+    )
+
+
+def _twins(nodes: Nodes, points: Points) -> Float[Tensor, " points"]:
+    """How many contacts of the same two nodes stand where each does, those farther away counting for less."""
+    low, high = torch.minimum(points.first, points.second), torch.maximum(points.first, points.second)
+    key, order = (low * len(nodes.mass) + high).sort(stable=True)
+    place = (nodes.centre[points.first] + points.first_arm.t() * LEVER)[order]
+    count = torch.ones_like(place[:, 0])
+    for apart in range(1, len(key)):
+        same = key[apart:] == key[:-apart]
+        if not bool(same.any()):
+            break
+        distance = (place[apart:] - place[:-apart]).norm(dim=-1)
+        near = torch.where(same, (1 - distance / TWINS).clamp(min=0), 0.0)
+        count = count + functional.pad(near, (apart, 0)) + functional.pad(near, (0, apart))
+    return torch.empty_like(count).index_copy(0, order, count)
+
+
+def _joints(state: State, pairs: _Pairs, edges: Edges, nodes: Nodes) -> Joints:
+    relations = state.relations
+    kind = _of_relation(relations.kind, edges)
+    joined = (kind == JOINT_CODES["prismatic"]) | (kind == JOINT_CODES["revolute"])
+    joined &= ~(nodes.given[edges.first] & nodes.given[edges.second])
+    edge = joined.nonzero().squeeze(-1)
+    relation = edges.relation[edge]
+    anchor_a, anchor_b, axis, limits, yaw_offset = (
+        _rows(values, relation)
+        for values in (relations.anchor_a, relations.anchor_b, relations.axis, relations.limits, relations.yaw_offset)
+    )
+    pose_a, pose_b = pairs.poses[:, edge]
+    first, second = edges.first[edge], edges.second[edge]
+    anchor_a, anchor_b = pose.rotate(anchor_a, pose_a[:, 2]), pose.rotate(anchor_b, pose_b[:, 2])
+    turn = pose.wrap_angle(pose_b[:, 2] - pose_a[:, 2] - yaw_offset)
+    # Neither body comes first: a slider's axis is carried by both, and so is the point at which it is held.
+    revolute = kind[edge] == JOINT_CODES["revolute"]
+    axis = torch.where(revolute, 0.0, pose.rotate(axis, pose_a[:, 2] + turn / 2).t())
+    at_start = pairs.at_start[edge]
+    first_arm = _arm(nodes, first, pose_a, anchor_a, at_start)
+    second_arm = _arm(nodes, second, pose_b, anchor_b, at_start)
+    step = nodes.step[first]
+    drift = ((pose_b[:, :2] - pose_a[:, :2]) + anchor_b - anchor_a).t()
+    aside = torch.where(revolute, 0.0, drift / (2 * LEVER))
+    points = Points(edge, first, second, first_arm + aside, second_arm - aside)
+    drift, turn = drift / step, turn * LEVER / step
+    limits = limits.t() * torch.where(revolute, LEVER, 1.0) / step
+    x, y, turned = _moved_halfway(nodes, points, pairs.at_start)
+    drift, turn = drift - torch.stack((x, y)), turn - turned
+    used = torch.where(revolute, turn, (drift * axis).sum(0))
+    return Joints(points, revolute, drift, turn, axis, low=used - limits[0], high=limits[1] - used)
+
+
+def _arm(nodes: Nodes, node: Tensor, poses: Tensor, point: Tensor, at_start: Tensor) -> Float[Tensor, "2 points"]:
+    """Lever arm of a point that lies `point` (m, world axes) from where its body is."""
+    arm = point.t() + (poses[:, :2] - nodes.centre[node]).t()
+    come = nodes.last_twist[:2, node] * (nodes.step[node] / 2 * at_start)
+    return (arm + come) / LEVER
+
+
+def _moved_halfway(nodes: Nodes, points: Points, at_start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """How points have come to stand against each other since the start of the step, where the geometry is later."""
+    later = ~at_start.index_select(0, points.edge)
+    return tuple(motion * later for motion in relative_motion(points, nodes.last_twist / 2))
+
+
+def relative_motion(
+    points: Points, twist: Float[Tensor, "3 nodes"]
+) -> tuple[Float[Tensor, " points"], Float[Tensor, " points"], Float[Tensor, " points"]]:
+    """How the second node's points move away from the first's, x and y, and how the second turns against it."""
+    x_1, y_1, turn_1 = twist.index_select(1, points.first)
+    x_2, y_2, turn_2 = twist.index_select(1, points.second)
+    (arm_x_1, arm_y_1), (arm_x_2, arm_y_2) = points.first_arm, points.second_arm
+    x = x_2 - arm_y_2 * turn_2 - (x_1 - arm_y_1 * turn_1)
+    y = y_2 + arm_x_2 * turn_2 - (y_1 + arm_x_1 * turn_1)
+    return x, y, turn_2 - turn_1
+
+
+def _of_relation(values: Tensor, edges: Edges) -> Tensor:
+    """Values of [batch, pairs] of each edge; zero for the tool's."""
+    found = values.flatten().index_select(0, edges.relation.clamp(min=0))
+    return found.masked_fill(edges.is_tool, 0)
 
 
 def _rows(values: Tensor, rows: Tensor) -> Tensor:
     """Rows of values [batch, n, ...] seen as [batch * n, ...]."""
     return values.flatten(0, 1).index_select(0, rows)
-
-
-def _told(relations: Relations, joint: Int[Tensor, " pairs"]) -> Float[Tensor, "pairs 13"]:
-    """Flags, anchors, axis, limits and yaw offset of some pairs, gathered in one go."""
-    kinds = (relations.kind == JOINT_CODES[kind] for kind in ("prismatic", "revolute"))
-    flags = torch.stack((*kinds, ~relations.known, relations.remembered), -1).to(relations.axis.dtype)
-    numbers = relations.anchor_a, relations.anchor_b, relations.axis, relations.limits, relations.yaw_offset[..., None]
-    return _rows(torch.cat((flags, *numbers), -1), joint)
-
-
-def _in_contact_frame(
-    near: Near, anchor_a: Tensor, anchor_b: Tensor, axis: Tensor, centre_a: Tensor, centre_b: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Levers of the first end to two contacts and the joint, those of the second, the joint's drift and its axis,
-    [pairs, 8, 2] (m) in contact frame; and the normal in the world. One complex product turns a planar vector."""
-    pose_a, pose_b = near.poses
-    yaw_a, yaw_ab = pose_a[:, 2].float(), (pose_b[:, 2] - pose_a[:, 2]).float()
-    turn_a, turn_ab = torch.complex(yaw_a.cos(), yaw_a.sin()), torch.complex(yaw_ab.cos(), yaw_ab.sin())
-    # Subtracted before anything is turned or rounded, so that nothing is lost far from the origin.
-    positions = torch.stack((centre_a, centre_b, pose_b[:, :2]), 1) - pose_a[:, None, :2]
-    positions = pose.as_complex(positions.float()) * turn_a.conj()[:, None]
-    anchor_a, anchor_b, axis = anchor_a[:, None], anchor_b * turn_ab + positions[:, 2], axis[:, None]
-    points = (pose.as_complex(points) for points in (near.contact.points_a, near.contact.points_b))
-    ends = torch.cat((next(points), anchor_a, next(points), anchor_b[:, None]), 1)
-    levers = ends - positions[:, :2].repeat_interleave(3, 1)
-    normal = pose.as_complex(near.contact.normal)
-    local = torch.cat((levers, anchor_b[:, None] - anchor_a, axis), 1) * normal.conj()[:, None]
-    return torch.view_as_real(local), torch.view_as_real(normal * turn_a)
-
-
-def _mirror(edges: Float[Tensor, "edges edge_features"]) -> Float[Tensor, "edges edge_features"]:
-    """Edges the other way; both axes of the contact frame then point the other way too.
-
-    What stands between the two ends is the same in that frame, but levers and motions change sides and point the
-    other way, and a turn its sign. A turn's limits change places with it; along the axis of a slider they need not.
-    """
-    hinge = edges[:, _COLUMN["revolute"], None] > 0
-    hinges, others = (edges.index_select(1, columns.to(edges.device)) for columns in (_OTHER_END_OF_HINGE, _OTHER_END))
-    return torch.where(hinge, hinges, others) * _SIGN.to(edges)
-
-
-def _exchanged(a: str, b: str, names: Sequence[str]) -> list[str]:
-    """The names, those that begin with `a` exchanged with those that begin with `b` where there are both."""
-    swap = {name: b + name.removeprefix(a) for name in names if name.startswith(a)}
-    swap = {one: other for one, other in swap.items() if other in names}
-    swap |= {other: one for one, other in swap.items()}
-    return [swap.get(name, name) for name in names]
-
-
-_SWAPPED = _exchanged("receiver", "sender", EDGE_FEATURES)
-_OTHER_END = torch.tensor([_COLUMN[name] for name in _SWAPPED])
-_OTHER_END_OF_HINGE = torch.tensor([_COLUMN[name] for name in _exchanged("slack_low", "slack_high", _SWAPPED)])
-_SIGN = torch.tensor([-1.0 if re.search("_lever_|^turn|_last_[xy]", name) else 1.0 for name in EDGE_FEATURES])
-
-
-def in_frame(
-    twist: Float[Tensor, "*batch edges 3"], normal: Float[Tensor, "edges 2"]
-) -> Float[Tensor, "*batch edges 3"]:
-    """A twist in a contact frame, given that frame's x-axis; both in world axes."""
-    x, y, (along, across, turn) = normal[:, 0], normal[:, 1], twist.unbind(-1)
-    return torch.stack((along * x + across * y, across * x - along * y, turn), -1)

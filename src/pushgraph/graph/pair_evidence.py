@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph.graph.contact_graph import LEVER
+from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.state import State
 from pushgraph.pose import as_complex, wrap_angle

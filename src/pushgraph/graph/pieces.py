@@ -3,23 +3,25 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pushgraph import pose
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, SceneBatch, pairs_of
 
 
 class Pieces(NamedTuple):
     """Pieces of each scene, each standing at the index of its first body; the other rows hold nothing.
 
-    index: the piece of each body. centre: centre of mass, world (m). patch_radius: mean distance of what a piece
-    stands on from that centre (m), which settles how hard it is to turn.
+    index: the piece of each body. centre: centre of mass, world (m). gyration: mean squared distance of its mass from
+    there (m^2). immovable: whether it holds a body that cannot move.
     """
 
     index: Int[Tensor, "batch bodies"]
     mass: Float[Tensor, "batch bodies"]
     centre: Float[Tensor, "batch bodies 2"]
-    patch_radius: Float[Tensor, "batch bodies"]
+    gyration: Float[Tensor, "batch bodies"]
+    immovable: Bool[Tensor, "batch bodies"]
 
 
 def piece_index(scenes: SceneBatch, relations: Relations) -> Int[Tensor, "batch bodies"]:
@@ -50,23 +52,28 @@ def all_loose(index: Int[Tensor, "batch bodies"]) -> bool:
 
 
 def gather_pieces(
-    scenes: SceneBatch, index: Int[Tensor, "batch bodies"], positions: Float[Tensor, "batch bodies 2"]
+    scenes: SceneBatch, index: Int[Tensor, "batch bodies"], poses: Float[Tensor, "batch bodies 3"]
 ) -> Pieces:
-    """Mass, centre and extent of the pieces, bodies being at `positions`."""
+    """Mass, centre and extent of the pieces, bodies being at `poses`."""
     weight = scenes.mass * scenes.present
+    centres = poses[..., :2]
+    if bool((scenes.centre_of_mass != 0).any()):
+        centres = centres + pose.rotate(scenes.centre_of_mass.to(poses.dtype), poses[..., 2])
     if all_loose(index):
-        return Pieces(index, weight, positions, scenes.patch_radius)
+        return Pieces(index, weight, centres, scenes.gyration, scenes.immovable)
+    planar = index[..., None].expand(centres.shape)
     mass = torch.zeros_like(weight).scatter_add(1, index, weight)
     share = weight / mass.gather(1, index).clamp(min=1e-9)
     # Summed as offsets from the piece's first body, so that nothing is lost far from the origin.
-    first = positions.gather(1, index[..., None].expand(positions.shape))
-    offset = torch.zeros_like(positions).scatter_add(
-        1, index[..., None].expand(positions.shape), (positions - first) * share[..., None]
+    first = centres.gather(1, planar)
+    offset = torch.zeros_like(centres).scatter_add(1, planar, (centres - first) * share[..., None])
+    centre = centres + offset
+    distance = (centres - centre.gather(1, planar)).to(weight.dtype)
+    gyration = torch.zeros_like(weight).scatter_add(
+        1, index, (distance.square().sum(-1) + scenes.gyration) * share
     )
-    centre = positions + offset
-    distance = (positions - centre.gather(1, index[..., None].expand(positions.shape))).to(weight.dtype)
-    spread = (distance.square().sum(-1) + scenes.patch_radius.square()).sqrt()
-    return Pieces(index, mass, centre, torch.zeros_like(weight).scatter_add(1, index, spread * share))
+    immovable = torch.zeros_like(index).scatter_reduce(1, index, scenes.immovable.long(), "amax") > 0
+    return Pieces(index, mass, centre, gyration, immovable)
 
 
 def move_pieces(

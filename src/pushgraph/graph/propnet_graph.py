@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.near import node_poses, node_shapes
+from pushgraph.graph.broad_phase import node_poses, node_shapes
 from pushgraph.graph.pieces import Pieces, gather_pieces
 from pushgraph.graph.scene_batch import pair_index
 from pushgraph.graph.state import Control, State
@@ -118,7 +118,7 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
         slot=slot,
         yaw=all_poses[slot, 2],
         relation=relation,
-        pieces=gather_pieces(scenes, scenes.group, poses[..., :2]),
+        pieces=gather_pieces(scenes, scenes.group, poses),
     )
 
 

@@ -8,10 +8,13 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn import functional
 
 from pushgraph import pose
 from pushgraph.body import Joint
 from pushgraph.contact import RoundedBox, contact_between, signed_gap
+from pushgraph.graph.feet import BodyFeet, feet_of_shapes
+from pushgraph.patch import BodyPatch, overlap_in_piece, patches_of_members
 from pushgraph.scene import (
     NOMINAL_MASS,
     NOMINAL_SIDE_FRICTION,
@@ -20,7 +23,8 @@ from pushgraph.scene import (
     Scene,
     place_joint,
 )
-from pushgraph.shape import mean_radius, rounded_boxes
+from pushgraph.shape import rounded_boxes
+from pushgraph.simulation.feet import feet_of
 
 JOINT_CODES = {"none": 0, "fixed": 1, "prismatic": 2, "revolute": 3}
 """The paper's codes of joints."""
@@ -54,14 +58,17 @@ class SceneBatch(NamedTuple):
     """Scenes side by side, padded to the most bodies and tool parts among them.
 
     group: index of the first body of a body's rigid group; its own, if it is in none. Unknown masses and frictions
-    stand at their nominal values, with the flag off; what cannot move has FIXED_MASS. patch_radius: mean distance of a
-    body's points from its centre.
+    stand at their nominal values, with the flag off; what cannot move has FIXED_MASS. feet: where bodies press on the
+    table. centre_of_mass: in the body's frame (m). gyration: mean squared distance of a body's mass from there (m^2).
+    tool_radius: distance of the tool's farthest point from its origin (m).
     """
 
     present: Bool[Tensor, "batch bodies"]
     boxes: RoundedBox  # [batch bodies]
     is_cylinder: Bool[Tensor, "batch bodies"]
-    patch_radius: Float[Tensor, "batch bodies"]
+    feet: BodyFeet  # [batch bodies feet]
+    centre_of_mass: Float[Tensor, "batch bodies 2"]
+    gyration: Float[Tensor, "batch bodies"]
     group: Int[Tensor, "batch bodies"]
     immovable: Bool[Tensor, "batch bodies"]
     mass: Float[Tensor, "batch bodies"]
@@ -74,7 +81,7 @@ class SceneBatch(NamedTuple):
     part_present: Bool[Tensor, "batch parts"]
     parts: RoundedBox  # [batch parts]
     pose_tool_from_part: Float[Tensor, "batch parts 3"]
-    reach: Float[Tensor, " batch"]
+    tool_radius: Float[Tensor, " batch"]
     relations: Relations
 
     def take(self, index: Int[Tensor, " scenes"]) -> "SceneBatch":
@@ -115,7 +122,7 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         "present": np.zeros((count, bodies), bool),
         "core": np.zeros((count, bodies, 3), np.float32),
         "is_cylinder": np.zeros((count, bodies), bool),
-        "patch_radius": np.ones((count, bodies), np.float32),
+        "centre_of_mass": np.zeros((count, bodies, 2), np.float32),
         "group": np.tile(np.arange(bodies), (count, 1)),
         "immovable": np.zeros((count, bodies), bool),
         "mass": np.full((count, bodies), NOMINAL_MASS, np.float32),
@@ -130,7 +137,6 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         columns["present"][k, :n] = True
         columns["core"][k, :n] = [body.shape.core for body in scene.bodies]
         columns["is_cylinder"][k, :n] = [body.shape.kind == "cylinder" for body in scene.bodies]
-        columns["patch_radius"][k, :n] = [mean_radius(body.shape) for body in scene.bodies]
         columns["mass"][k, :n] = [NOMINAL_MASS if body.mass is None else body.mass for body in scene.bodies]
         columns["mass_known"][k, :n] = [body.mass is not None for body in scene.bodies]
         still = columns["immovable"][k, :n] = scene.immovable
@@ -148,10 +154,16 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
     core, part_core = tensors.pop("core"), tensors.pop("part_core")
     table = [scene.table.friction for scene in scenes]
     side = [scene.side_friction for scene in scenes]
+    boxes = RoundedBox(core[..., :2], core[..., 2])
+    feet = feet_of_shapes(boxes, tensors["is_cylinder"])
+    gyration = boxes.radius.square() / 2 + boxes.half_extents.square().sum(-1) / 3
+    feet, gyration = _with_patches(scenes, feet, gyration, tensors["centre_of_mass"])
     return SceneBatch(
-        boxes=RoundedBox(core[..., :2], core[..., 2]),
+        boxes=boxes,
+        feet=feet,
+        gyration=gyration,
         parts=RoundedBox(part_core[..., :2], part_core[..., 2]),
-        reach=torch.tensor([scene.tool.reach for scene in scenes], dtype=torch.float32),
+        tool_radius=torch.tensor([scene.tool.reach for scene in scenes], dtype=torch.float32),
         table_friction=torch.tensor([NOMINAL_TABLE_FRICTION if f is None else f for f in table]),
         table_friction_known=torch.tensor([f is not None for f in table]),
         side_friction=torch.tensor([NOMINAL_SIDE_FRICTION if f is None else f for f in side]),
@@ -159,6 +171,38 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         relations=_relations(scenes, bodies),
         **tensors,
     )
+
+
+def _with_patches(
+    scenes: Sequence[Scene], feet: BodyFeet, gyration: Tensor, centre_of_mass: Tensor
+) -> tuple[BodyFeet, Tensor]:
+    """The same feet and moments, but of bodies with a support, or that overlap in a rigid group, those of their own
+    patches; their centres of mass are written to `centre_of_mass`."""
+    special: list[tuple[int, int, BodyPatch]] = []
+    for k, scene in enumerate(scenes):
+        index = {name: i for i, name in enumerate(scene.names)}
+        pieces = [[index[name] for name in group] for group in scene.rigid_groups]
+        grouped = {i for piece in pieces for i in piece}
+        pieces += [[i] for i, body in enumerate(scene.bodies) if body.support is not None and i not in grouped]
+        for piece in pieces:
+            members = [scene.bodies[i] for i in piece]
+            if any(body.support is not None for body in members) or overlap_in_piece(members):
+                special += [(k, i, patch) for i, patch in zip(piece, patches_of_members(members), strict=True)]
+    if not special:
+        return feet, gyration
+    found = [feet_of(patch.pressure) for _, _, patch in special]
+    missing = max(len(own.weights) for own in found) - feet.shares.shape[-1]
+    points = functional.pad(feet.points, (0, 0, 0, max(missing, 0)))
+    shares, radii = (functional.pad(values, (0, max(missing, 0))) for values in feet[1:])
+    for (k, body, patch), own in zip(special, found, strict=True):
+        count = len(own.weights)
+        points[k, body], shares[k, body], radii[k, body] = 0.0, 0.0, 0.0
+        points[k, body, :count] = torch.from_numpy(own.points).float()
+        shares[k, body, :count] = torch.from_numpy(own.weights).float()
+        radii[k, body, :count] = torch.from_numpy(own.radii).float()
+        centre_of_mass[k, body] = torch.from_numpy(patch.mass.centre).float()
+        gyration[k, body] = float(np.trace(patch.mass.second_moments))
+    return BodyFeet(points, shares, radii), gyration
 
 
 def hide_relations(scenes: SceneBatch, hidden: Bool[Tensor, "batch pairs"]) -> SceneBatch:
@@ -187,13 +231,13 @@ def remember(
     """
     if bool(relations.known.all()):
         return relations
-    a, b = both = pairs_of(poses.shape[1], poses.device)
+    a, b = ends = pairs_of(poses.shape[1], poses.device)
     # What is not there is infinitely far from everything.
     circle = scenes.boxes.half_extents.norm(dim=-1) + scenes.boxes.radius
     circle = torch.where(scenes.present, circle, -torch.inf)
 
     def of_ends(values: Tensor) -> tuple[Tensor, ...]:
-        return values.index_select(1, both.flatten()).unflatten(1, (2, -1)).unbind(1)
+        return values.index_select(1, ends.flatten()).unflatten(1, (2, -1)).unbind(1)
 
     (x_a, x_b), (circle_a, circle_b) = of_ends(poses[..., :2]), of_ends(circle)
     apart = (x_b - x_a).norm(dim=-1) - circle_a - circle_b
@@ -303,9 +347,9 @@ def _known_pairs(scene: Scene, index: dict[str, int], bodies: int) -> np.ndarray
 
 
 def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
-    """Apply a function to the tensors of nested batches that stand at the same place; None stays None."""
-    if batches[0] is None:
-        return None
+    """Apply a function to the tensors of nested batches that stand at the same place; what is none stays as it is."""
+    if not isinstance(batches[0], tuple | Tensor):
+        return batches[0]
     if isinstance(batches[0], Tensor):
         return function(*batches)
     return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))

@@ -6,44 +6,63 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph.graph.scene_batch import Relations, SceneBatch, remember
+from pushgraph.graph.scene_batch import Relations, SceneBatch, map_tensors, remember
 
 ADJACENT = 0.02
 """Pairs nearer than this (m) are adjacent: they may be joined."""
 
 
+STILL = 1e-6
+"""What moves less than this in a frame (m) is at rest."""
+
+
 class State(NamedTuple):
     """Scenes in one frame.
 
-    poses: pose_world_from_body. motions: how each body's pose changed in the last frame, zero where not known.
-    relations: those of the scenes, with what has been seen of unknown pairs so far.
+    poses: pose_world_from_body. motions: how each body's pose changed in a frame of the last step, zero if not known.
+    relations: those of the scenes, with what has been seen of unknown pairs so far. still: a body whose pose changed by
+    less than this (m) is at rest, unless something reaches it; poses that a camera measured change by their noise.
     """
 
     scenes: SceneBatch
     poses: Float[Tensor, "batch bodies 3"]
     motions: Float[Tensor, "batch bodies 3"]
     relations: Relations
+    still: float = STILL
 
-    def observe(self, poses: Float[Tensor, "batch bodies 3"]) -> "State":
-        """The next frame's state, bodies being at `poses`."""
+    def double(self) -> "State":
+        """The same in float64."""
+        if self.poses.dtype == self.scenes.mass.dtype == torch.float64:
+            return self
+        return map_tensors(lambda values: values.double() if values.is_floating_point() else values, self)
+
+    def observe(self, poses: Float[Tensor, "batch bodies 3"], frames: Float[Tensor, " batch"] | float = 1.0) -> "State":
+        """The state after so many frames more, bodies being at `poses`."""
         motions = poses - self.poses
+        if isinstance(frames, Tensor):
+            motions = motions / frames.to(motions.dtype).clamp(min=1e-9)[:, None, None]
         moved = (motions != 0).any(-1)
-        return State(
-            self.scenes, poses, motions, remember(self.scenes, self.relations, poses.detach(), ADJACENT, moved)
-        )
+        relations = remember(self.scenes, self.relations, poses.detach(), ADJACENT, moved)
+        return State(self.scenes, poses, motions, relations, self.still)
 
 
 class Control(NamedTuple):
-    """What the tool does from one frame to the next.
+    """What the tool does in one step.
 
-    pose: pose_world_from_tool. motion: how it changes until the next frame. last_motion: how it changed in the
-    frame before. down: whether the tool is down on the table in this and the next frame.
+    pose: pose_world_from_tool at its start. motion: how it changes until its end. last_motion: how it changed in a
+    frame of the step before. down: whether the tool is down on the table from start to end. frames: how long the step
+    is, in frames.
     """
 
     pose: Float[Tensor, "batch 3"]
     motion: Float[Tensor, "batch 3"]
     last_motion: Float[Tensor, "batch 3"]
     down: Bool[Tensor, " batch"]
+    frames: Float[Tensor, " batch"] | float = 1.0
+
+    def double(self) -> "Control":
+        """The same in float64."""
+        return map_tensors(lambda values: values.double() if values.is_floating_point() else values, self)
 
 
 def start(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"]) -> State:
@@ -53,7 +72,7 @@ def start(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"]) -> State:
 
 def controls(tool: Float[Tensor, "batch frames 3"], down: Bool[Tensor, "batch frames"]) -> list[Control]:
     """What the tool does in each frame but the last, given its poses."""
-    both = down[:, 1:] & down[:, :-1]
-    motion = torch.where(both[..., None], tool[:, 1:] - tool[:, :-1], 0.0)
+    stays_down = down[:, 1:] & down[:, :-1]
+    motion = torch.where(stays_down[..., None], tool[:, 1:] - tool[:, :-1], 0.0)
     last = torch.cat((torch.zeros_like(motion[:, :1]), motion[:, :-1]), 1)
-    return [Control(tool[:, k], motion[:, k], last[:, k], both[:, k]) for k in range(motion.shape[1])]
+    return [Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k]) for k in range(motion.shape[1])]

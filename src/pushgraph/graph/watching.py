@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.near import Reach, within_reach
+from pushgraph.graph.broad_phase import Reachable, reachable
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
 
@@ -57,7 +57,7 @@ class Frame(NamedTuple):
     adjacent_at_first: Bool[Tensor, "batch pairs"]
     in_sight: Bool[Tensor, "batch pairs"]
     continuous: Bool[Tensor, "batch bodies"]
-    reach: Reach | None
+    reach: Reachable | None
 
 
 def first_look(
@@ -68,7 +68,7 @@ def first_look(
     seen: Bool[Tensor, "batch bodies"],
 ) -> tuple[View, Frame]:
     """Watch scenes from here on. Bodies that are not seen are taken to be at their `poses` until they are."""
-    state = start(scenes, poses)
+    state = start(scenes, poses)._replace(still=STRAY)
     still = torch.zeros_like(tool)
     adjacent = state.relations.remembered & ~state.relations.known
     unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
@@ -92,7 +92,7 @@ def look(
     continuous = seen & view.seen
 
     last = view.state.poses
-    reach = within_reach(view.state, control)
+    reach = reachable(view.state, control)
     unreached = torch.where(reach.may_move, 0, view.unreached + 1)
     strays = (poses[..., :2] - last[..., :2]).norm(dim=-1) > STRAY
     rests = continuous & (unreached > COASTING) & ~strays

@@ -14,7 +14,7 @@ from pushgraph.graph import pair_evidence as features
 from pushgraph.graph.pair_evidence import FEATURES, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.watching import Frame
-from pushgraph.network.dynamics import Foresight
+from pushgraph.network.dynamics import CONTACT_STATE, Foresight
 
 LATENT_UNIT = 0.01
 """Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""
@@ -52,7 +52,7 @@ class Evidence(NamedTuple):
 
 
 class BeliefNetwork(nn.Module):
-    """Ours: joint memory, motions and surprises beside the solver's latents.
+    """Ours: joint memory, motions and surprises beside the state of contacts.
 
     Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent. What a pair last
     told stands beside its state in `Memory.relations`, for joint memory alone answers most questions.
@@ -60,7 +60,7 @@ class BeliefNetwork(nn.Module):
 
     PHYSICS = "contact"
 
-    def __init__(self, hidden: int = 64, latents: int = 96) -> None:
+    def __init__(self, hidden: int = 64, latents: int = len(CONTACT_STATE)) -> None:
         super().__init__()
         self.hidden, self.width = hidden, 2 * hidden
         self.encoder = nn.Sequential(
@@ -74,7 +74,10 @@ class BeliefNetwork(nn.Module):
     @staticmethod
     def schema() -> dict[str, Any]:
         """Names of the features and the constants in them, which its weights depend on."""
-        return {"pair_features": list(features.FEATURES), "constants": features.CONSTANTS}
+        return {
+            "pair_features": [*features.FEATURES, *CONTACT_STATE],
+            "constants": features.CONSTANTS,
+        }
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """What a frame tells, given what was foreseen."""

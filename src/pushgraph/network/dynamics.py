@@ -8,19 +8,26 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pushgraph import pose
-from pushgraph.graph import contact_graph as contact_features
+from pushgraph.graph import contact_features as contact_feature_names
+from pushgraph.graph import contact_graph as contact_geometry
 from pushgraph.graph import propnet_graph as propnet_features
-from pushgraph.graph.contact_graph import LEVER, ContactGraph, contact_graph
-from pushgraph.graph.near import Reach
+from pushgraph.graph.broad_phase import LEVER, Reachable
+from pushgraph.graph.contact_features import CLAMP, contact_features
+from pushgraph.graph.contact_graph import ContactGraph, contact_graph
 from pushgraph.graph.pieces import mean_motion, move_pieces
 from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN, PropnetGraph, propnet_graph
 from pushgraph.graph.state import Control, State
-from pushgraph.network.contact_solver import ContactSolver
-from pushgraph.network.joint_projection import hold_joints
+from pushgraph.network import contact_problem
+from pushgraph.network.contact_network import ContactNetwork
+from pushgraph.network.contact_problem import SLIP, ContactProblem
+from pushgraph.network.newton import solve
 from pushgraph.network.propagation import PropagationNetwork
 
-SLOWEST = 2e-4
-"""The tool's step in a very slow push (m)."""
+LEAST_UNIT = 3e-3
+"""Errors in steps smaller than this (m) count as if they were as large: there contacts give way in simulation."""
+
+FARTHEST = 6.0
+"""No piece moves farther in a step than this, in lengths of the step: long levers do, at most."""
 
 
 @runtime_checkable
@@ -32,10 +39,10 @@ class Dynamics(Protocol):
 
 
 class Foresight(NamedTuple):
-    """A prediction with what the network had in mind about every pair.
+    """A prediction with what is behind it, for every pair.
 
-    latents: of both edges of a pair, the later body being the receiver of the second; zero where there is none.
-    linked: whether the pair shares edges.
+    latents: of both edges of a pair, the later body being the receiver of the second; zero where there is none. Those
+    of ContactDynamics are CONTACT_STATE. linked: whether the pair shares edges.
     """
 
     motion: Float[Tensor, "batch bodies 3"]
@@ -44,46 +51,67 @@ class Foresight(NamedTuple):
 
 
 class ContactDynamics(nn.Module):
-    """Ours: only pieces that the tool can reach move, and what is one piece stays one."""
+    """Ours: what the laws of contact say, corrected by a network.
 
-    def __init__(self, hidden: int = 96, steps: int = 8) -> None:
+    Only what may move moves, and what is one piece stays one.
+    """
+
+    FRAMES_PER_STEP = (1, 2, 1, 4)
+    """What steps cover in training, one after the other."""
+    CHAOS = 1.0
+    """Errors of about this many units and more teach less and less: there the prediction has gone another way."""
+
+    def __init__(self, hidden: int = 48, steps: int = 2) -> None:
         super().__init__()
-        self.solver = ContactSolver(hidden, steps)
+        self.network = ContactNetwork(hidden, steps)
 
     @staticmethod
     def schema() -> dict[str, Any]:
-        """Names of the features and the constants in them, which its weights depend on."""
-        return _schema(contact_features)
+        """Names of the features, and the constants that predictions depend on."""
+        schema = _schema(contact_feature_names)
+        return schema | {"constants": contact_geometry.CONSTANTS | contact_problem.CONSTANTS | schema["constants"]}
 
     @staticmethod
     def error_unit(step: Float[Tensor, " batch"]) -> Float[Tensor, " batch"]:
-        """Training counts errors in this unit (m): the tool's step, or that of a slow push if it is smaller."""
-        return step.clamp(min=SLOWEST)
+        """Training counts errors in this unit (m): the length of the step."""
+        return step.clamp(min=LEAST_UNIT)
 
     def forward(self, state: State, control: Control) -> Float[Tensor, "batch bodies 3"]:
         """See Dynamics."""
-        graph = contact_graph(state, control)
-        return self._motion(state, graph, self.solver(graph).twist)
+        return self._motion(state, *self._solved(state, control))
 
-    def foresee(self, state: State, control: Control, reach: Reach | None = None) -> Foresight:
-        """Predict, and tell what was in mind. reach: of the tool in this frame, if it is known already."""
+    def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
+        """Predict, with the state of every contact. reach: what may move in this step, if it is known already."""
+        graph, twist = self._solved(state, control, reach)
+        relation = graph.edges.relation[graph.contacts.points.edge]
+        relation = torch.cat((2 * relation, 2 * relation + 1))
+        relation = relation.masked_fill(graph.edges.is_tool[graph.contacts.points.edge].repeat(2), -1)
+        latents = contact_state(graph, twist)
+        return _foresight(self._motion(state, graph, twist), state.relations.kind, relation, latents)
+
+    def _solved(
+        self, state: State, control: Control, reach: Reachable | None = None
+    ) -> tuple[ContactGraph, Float[Tensor, "3 nodes"]]:
         graph = contact_graph(state, control, reach)
-        solution = self.solver(graph)
-        return _foresight(
-            self._motion(state, graph, solution.twist), state.relations.kind, graph.relation, solution.messages
-        )
+        if self.network.is_silent:
+            return graph, solve(graph)
+        return graph, solve(graph, self.network(graph, contact_features(state, graph)))
 
     def _motion(self, state: State, graph: ContactGraph, twist: Tensor) -> Tensor:
-        twist = hold_joints(graph, twist) * graph.step[:, None]
-        twist = twist.to(state.poses.dtype) / twist.new_tensor([1.0, 1.0, LEVER])
+        nodes = graph.nodes
+        motion = twist.clamp(-FARTHEST, FARTHEST) * nodes.step / twist.new_tensor([1.0, 1.0, LEVER])[:, None]
         batch, bodies = state.poses.shape[:2]
-        moving = (~graph.kinematic).nonzero().squeeze(-1)
-        by_piece = torch.zeros_like(state.poses).flatten(0, 1).index_copy(0, graph.body[moving], twist[moving])
+        free = (~nodes.given).nonzero().squeeze(-1)
+        by_piece = torch.zeros_like(state.poses).flatten(0, 1)
+        by_piece = by_piece.index_copy(0, nodes.body[free], motion.t()[free].to(state.poses.dtype))
         return move_pieces(graph.pieces, state.poses, by_piece.view(batch, bodies, 3))
 
 
 class PropnetDynamics(nn.Module):
     """The paper's: velocities of every body in its own frame; rigid groups then move with their members' mean."""
+
+    FRAMES_PER_STEP = (1,)
+    CHAOS = 10.0
 
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:
         super().__init__()
@@ -104,7 +132,7 @@ class PropnetDynamics(nn.Module):
         graph = propnet_graph(state, control)
         return self._motion(state, graph, self.network(graph).motion)
 
-    def foresee(self, state: State, control: Control, reach: Reach | None = None) -> Foresight:
+    def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
         """Predict, and tell what was in mind; what the tool can reach does not matter here."""
         graph = propnet_graph(state, control)
         propagated = self.network(graph)
@@ -122,13 +150,31 @@ class PropnetDynamics(nn.Module):
         return move_pieces(graph.pieces, state.poses, mean_motion(state.scenes, graph.pieces.index, motion))
 
 
+CONTACT_STATE = ("gap", "parts", "slips", "presses")
+"""What is foreseen of a contact: its gap at the start and how much it opens (steps), how far the sender slips to the
+left, and the force (weights of what may move), all bounded."""
+
+
+def contact_state(graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) -> Float[Tensor, "directed state"]:
+    """CONTACT_STATE of every contact, seen from its first node, then of all seen from the second."""
+    problem = ContactProblem.of(graph)
+    moment = problem.linearize(twist, SLIP, 1.0)
+    gap = problem.gap.clamp(-CLAMP, CLAMP)
+    parts = (-moment.depth - problem.gap).clamp(-CLAMP, CLAMP)
+    columns = (gap, parts, moment.tangential.clamp(-CLAMP, CLAMP), moment.pressing.log1p())
+    # From the other end both the motion and the frame turn round.
+    return torch.stack(columns, -1).repeat(2, 1).float()
+
+
 def _foresight(motion: Tensor, kind: Tensor, relation: Tensor, latents: Tensor) -> Foresight:
+    """relation: where an edge stands in [batch * pairs * 2], -1 for those of no pair; edges of one pair take their
+    mean."""
     edges = (relation >= 0).nonzero().squeeze(-1)
-    dense = latents.new_zeros(2 * kind.numel(), latents.shape[1])
-    dense = dense.index_copy(0, relation[edges], latents[edges])
-    linked = torch.zeros(2 * kind.numel(), dtype=torch.bool, device=kind.device)
-    linked[relation[edges]] = True
-    return Foresight(motion, dense.view(*kind.shape, 2, -1), linked.view(*kind.shape, 2)[..., 0])
+    rows = relation[edges]
+    total = latents.new_zeros(2 * kind.numel(), latents.shape[1]).index_add(0, rows, latents[edges])
+    count = latents.new_zeros(2 * kind.numel()).index_add(0, rows, torch.ones_like(rows, dtype=latents.dtype))
+    dense = total / count.clamp(min=1)[:, None]
+    return Foresight(motion, dense.view(*kind.shape, 2, -1), (count > 0).view(*kind.shape, 2)[..., 0])
 
 
 def _schema(features: ModuleType) -> dict[str, Any]:

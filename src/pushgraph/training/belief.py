@@ -18,6 +18,7 @@ from pushgraph.dataset.sequences import SequenceSampler
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.network.belief_network import BELIEFS, Rows
+from pushgraph.scene_range import range_of
 from pushgraph.training.conduct import conduct, open_dataset
 from pushgraph.training.processes import Processes
 from pushgraph.training.recipe import Training
@@ -94,6 +95,7 @@ class BeliefTask:
     def __init__(self, training: Training, processes: Processes, device: torch.device) -> None:
         self._training, self._rank, self._device = training, processes.rank, device
         data, validation = open_dataset(training.data), open_dataset(training.validation)
+        self.range = range_of(data.scene(k) for k in range(len(data)))
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
         share = max(1, training.batch // processes.count)
         self._sampler = SequenceSampler(data, training.frames, share, training.seed * 1000 + processes.rank)

@@ -53,6 +53,7 @@ def conduct(
             "training": training.without_folders() | {"processes": processes.count},
             "data": task.data_recipe,
             "validation": task.validation_recipe,
+            "range": task.range,
             "samples": now.step * training.batch * training.frames,
             "seconds": round(now.seconds, 1),
             "hardware": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {device}",

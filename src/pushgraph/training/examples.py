@@ -12,16 +12,15 @@ from pushgraph.dataset.store import Dataset
 from pushgraph.dataset.windows import WindowBatch
 from pushgraph.graph.scene_batch import (
     JOINT_CODES,
-    Batch,
     Relations,
     SceneBatch,
     batch_scenes,
     hide_relations,
-    map_tensors,
     pairs_of,
     remember,
 )
-from pushgraph.graph.state import ADJACENT, Control, State, controls
+from pushgraph.graph.state import ADJACENT, Control, State
+from pushgraph.graph.steps import LONGEST
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 
 WITHHELD = 0.15
@@ -29,47 +28,51 @@ WITHHELD = 0.15
 
 
 class Example(NamedTuple):
-    """A batch of windows ready for prediction: the state to start from, what the tool does, and what happened."""
+    """A batch of windows ready for prediction: the state to start from, what the tool does in each step, and what
+    happened. counts: windows in which the tool does not move too far in a step."""
 
     state: State
     controls: list[Control]
-    poses: Float[Tensor, "batch frames bodies 3"]
-
-    def to(self, device: torch.device) -> "Example":
-        """The same on another device."""
-
-        def moved(batch: Batch) -> Batch:
-            return map_tensors(lambda values: values.to(device), batch)
-
-        return Example(moved(self.state), [moved(control) for control in self.controls], self.poses.to(device))
+    poses: Float[Tensor, "batch knots bodies 3"]
+    counts: Bool[Tensor, " batch"]
 
 
 class ExampleMaker:
     """Makes examples from the windows of one dataset, whose scenes it keeps as tensors."""
 
-    def __init__(self, dataset: Dataset) -> None:
-        self._scenes = batch_scenes([dataset.scene(k) for k in range(len(dataset))])
+    def __init__(self, dataset: Dataset, device: torch.device | str = "cpu") -> None:
+        self._device = device
+        self._scenes = batch_scenes([dataset.scene(k) for k in range(len(dataset))]).to(device)
 
-    def __call__(self, windows: WindowBatch, generator: torch.Generator) -> Example:
+    def __call__(self, windows: WindowBatch, generator: torch.Generator, frames_per_step: int = 1) -> Example:
         """The first frame of a window only tells the motion at its second, where prediction starts.
 
         At the start of a push everything rests: there the window's first frame stands for both.
         """
-        scenes = self._scenes.take(torch.from_numpy(windows.trajectory))
+        device = self._device
+        scenes = self._scenes.take(torch.from_numpy(windows.trajectory).to(device))
         missing = 1 + scenes.mass.shape[1] - windows.poses.shape[2]
-        poses = functional.pad(torch.from_numpy(windows.poses), (0, 0, 0, missing))
-        initial = functional.pad(torch.from_numpy(windows.initial_poses), (0, 0, 0, missing))[:, 1:]
-        sign = 1.0 - 2.0 * torch.randint(2, (len(poses),), generator=generator)
+        poses = functional.pad(torch.from_numpy(windows.poses).to(device), (0, 0, 0, missing))
+        initial = functional.pad(torch.from_numpy(windows.initial_poses).to(device), (0, 0, 0, missing))[:, 1:]
+        sign = 1.0 - 2.0 * torch.randint(2, (len(poses),), generator=generator).to(device)
         scenes, poses, initial = mirror_scenes(scenes, sign), mirror(poses, sign), mirror(initial, sign)
-        rests = torch.from_numpy(windows.push_start)[:, None, None, None]
+        rests = torch.from_numpy(windows.push_start).to(device)[:, None, None, None]
         poses = torch.where(rests, torch.cat((poses[:, :1], poses[:, :-1]), 1), poses)
         tool, bodies = poses[:, :, 0], poses[:, :, 1:]
         scenes = withhold(scenes, bodies[:, 1], generator)
         relations = remember(scenes, scenes.relations, initial, ADJACENT)
         relations = remember(scenes, relations, bodies[:, 1], ADJACENT)
         state = State(scenes, bodies[:, 1], bodies[:, 1] - bodies[:, 0], relations)
-        down = torch.ones(tool.shape[:2], dtype=torch.bool)
-        return Example(state, controls(tool, down)[1:], bodies[:, 1:])
+        frames_per_step = min(frames_per_step, tool.shape[1] - 2)
+        knots = torch.arange(1, tool.shape[1], frames_per_step, device=device)
+        motion = tool[:, knots].diff(dim=1)
+        pace = torch.cat(((tool[:, 1] - tool[:, 0])[:, None], motion[:, :-1] / frames_per_step), 1)
+        down = torch.ones(len(tool), dtype=torch.bool, device=device)
+        lasting = torch.full((len(tool),), float(frames_per_step), device=device)
+        steps = range(len(knots) - 1)
+        controls = [Control(tool[:, knots[k]], motion[:, k], pace[:, k], down, lasting) for k in steps]
+        travel = motion[..., :2].norm(dim=-1) + motion[..., 2].abs() * scenes.tool_radius[:, None]
+        return Example(state, controls, bodies[:, knots], travel.amax(1) <= LONGEST)
 
 
 def mirror(poses: Float[Tensor, "batch *nodes 3"], sign: Float[Tensor, " batch"]) -> Float[Tensor, "batch *nodes 3"]:
@@ -79,15 +82,18 @@ def mirror(poses: Float[Tensor, "batch *nodes 3"], sign: Float[Tensor, " batch"]
 
 
 def mirror_scenes(scenes: SceneBatch, sign: Float[Tensor, " batch"]) -> SceneBatch:
-    """Scenes whose tools and joints are seen in the same mirror; shapes are symmetric."""
+    """Scenes whose tools, feet and joints are seen in the same mirror; shapes are symmetric."""
 
     def points(values: Tensor) -> Tensor:
-        return torch.stack((values[..., 0], values[..., 1] * sign[:, None]), -1)
+        of_scene = sign.view(-1, *[1] * (values.dim() - 2))
+        return torch.stack((values[..., 0], values[..., 1] * of_scene), -1)
 
     old = scenes.relations
     swapped = (old.kind == JOINT_CODES["revolute"])[..., None] & (sign < 0)[:, None, None]
     return scenes._replace(
         pose_tool_from_part=mirror(scenes.pose_tool_from_part, sign),
+        feet=scenes.feet._replace(points=points(scenes.feet.points)),
+        centre_of_mass=points(scenes.centre_of_mass),
         relations=old._replace(
             anchor_a=points(old.anchor_a),
             anchor_b=points(old.anchor_b),
@@ -105,14 +111,15 @@ def withhold(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], generat
     """
     batch, bodies = poses.shape[:2]
 
-    def some(*shape: int) -> Bool[Tensor, "..."]:
+    def drawn_share(*shape: int) -> Bool[Tensor, "..."]:
         chosen = torch.rand(batch, *[1] * len(shape), generator=generator) < WITHHELD
         all_of_it = torch.rand(batch, *[1] * len(shape), generator=generator) < 0.5
-        return chosen & (all_of_it | (torch.rand(batch, *shape, generator=generator) < 0.5))
+        drawn = chosen & (all_of_it | (torch.rand(batch, *shape, generator=generator) < 0.5))
+        return drawn.to(poses.device)
 
-    scenes = hide_relations(scenes, some(scenes.relations.kind.shape[1]))
-    no_mass, no_table, no_side = some(bodies), some(), some()
-    no_yaw = some(bodies) & scenes.is_cylinder
+    scenes = hide_relations(scenes, drawn_share(scenes.relations.kind.shape[1]))
+    no_mass, no_table, no_side = drawn_share(bodies), drawn_share(), drawn_share()
+    no_yaw = drawn_share(bodies) & scenes.is_cylinder
     return scenes._replace(
         mass=torch.where(no_mass, NOMINAL_MASS, scenes.mass),
         mass_known=scenes.mass_known & ~no_mass,
@@ -127,7 +134,7 @@ def withhold(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], generat
 
 def _without_yaw(relations: Relations, poses: Tensor, no_yaw: Tensor) -> Relations:
     """Joints of bodies whose turning was not seen count from where they are now."""
-    a, b = pairs_of(poses.shape[1])
+    a, b = pairs_of(poses.shape[1], poses.device)
     blind_a, blind_b = no_yaw[:, a], no_yaw[:, b]
     pose_a, pose_b = poses[:, a], poses[:, b]
     anchor_from_a = pose.transform(pose_a, relations.anchor_a)

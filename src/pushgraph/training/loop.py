@@ -22,19 +22,23 @@ WARM_UP = 0.02
 CLIP = 1.0
 """Largest norm of a gradient."""
 DECAY = 1e-4
+CLEARLY = 0.05
+"""What training starts from is kept unless something validates better by this share: validations are noisy."""
 
 
 @runtime_checkable
 class Task(Protocol):
     """What is trained: a loss for every step, and a validation whose first number shall be small.
 
-    numbers: names of the validation's. data_recipe, validation_recipe: of the datasets. physics: hash of the
+    numbers: names of the validation's. data_recipe, validation_recipe: of the datasets. range: of every quantity in
+    the data, see `pushgraph.scene_range`. physics: hash of the
     checkpoint that the network stands on, if it does.
     """
 
     numbers: tuple[str, ...]
     data_recipe: dict[str, Any]
     validation_recipe: dict[str, Any]
+    range: dict[str, list[float]]
     physics: str | None
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
@@ -84,6 +88,14 @@ def train(
     begun = saved = time.monotonic()
     spent = now.seconds
     losses: list[float] = []
+    if not now.curve:
+        with torch.no_grad():
+            first_loss = float(processes.mean(task.loss(network, 0).detach().clone().double()))
+        numbers = _validated(network, task, processes)
+        now.curve.append({"step": 0, "seconds": 0.0, "loss": first_loss})
+        now.curve[-1] |= dict(zip(task.numbers, numbers, strict=True))
+        now.best = numbers[0] * (1 - CLEARLY)
+        best = {name: values.detach().clone() for name, values in network.state_dict().items()}
     for step in range(now.step, schedule.steps):
         processes.check_parent()
         for group in optimizer.param_groups:
@@ -93,7 +105,7 @@ def train(
         loss.backward()
         processes.average_gradients(network)
         norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
-        mean_loss = float(processes.mean(loss.detach().clone()))
+        mean_loss = float(processes.mean(loss.detach().clone().double()))
         if not math.isfinite(mean_loss + float(norm)):
             raise TrainingError(_save_failure(network, running, processes, step, mean_loss, float(norm)))
         optimizer.step()

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pushgraph.graph.contact_graph import LEVER
+from pushgraph.graph.broad_phase import LEVER
 from pushgraph.training.examples import Example
 
 SMOOTH = 0.01
@@ -21,13 +21,14 @@ def unrolled_loss(dynamics: nn.Module, example: Example) -> Float[Tensor, ""]:
     state, poses = example.state, example.state.poses
     steps = torch.stack([control.motion[:, :2].norm(dim=-1) for control in example.controls])
     turns = torch.stack([control.motion[:, 2].abs() for control in example.controls])
-    unit = dynamics.error_unit((steps + turns * state.scenes.reach).mean(0))
+    unit = dynamics.error_unit((steps + turns * state.scenes.tool_radius).mean(0))
     total = poses.new_zeros(())
+    weight = state.scenes.present * example.counts[:, None]
     for frame, control in enumerate(example.controls, start=1):
         poses = poses + dynamics(state, control)
         error = (poses - example.poses[:, frame]) * poses.new_tensor([1.0, 1.0, LEVER])
         error = error / unit[:, None, None]
         distance = (error.square().sum(-1) + SMOOTH**2).sqrt() - SMOOTH
-        total = total + (distance * state.scenes.present).sum() / state.scenes.present.sum()
-        state = state.observe(poses.detach())
+        total = total + (distance / (1 + distance / dynamics.CHAOS) * weight).sum() / weight.sum().clamp(min=1)
+        state = state.observe(poses.detach(), control.frames)
     return total / len(example.controls)
