@@ -107,7 +107,7 @@ class PhysicsPredictor:
         poses = torch.zeros(*batch.mass.shape, 3, dtype=torch.float64)
         for k, scene in enumerate(scenes):
             poses[k, : len(scene.bodies)] = torch.from_numpy(scene.poses_world_from_body)
-        return start(batch, poses)
+        return start(batch, poses).double()
 
     def rollout(
         self,

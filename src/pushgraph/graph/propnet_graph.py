@@ -111,8 +111,8 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
     slot = present.flatten().nonzero().squeeze(-1)
     place = present.flatten().cumsum(0) - 1
     return PropnetGraph(
-        nodes=nodes[slot],
-        edges=edges,
+        nodes=nodes[slot].float(),
+        edges=edges.float(),
         receiver=place[receiver],
         sender=place[sender],
         slot=slot,

@@ -62,6 +62,8 @@ class Control(NamedTuple):
 
     def double(self) -> "Control":
         """The same in float64."""
+        if self.pose.dtype == torch.float64:
+            return self
         return map_tensors(lambda values: values.double() if values.is_floating_point() else values, self)
 
 

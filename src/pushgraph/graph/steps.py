@@ -74,7 +74,7 @@ def plan_steps(
     pace = motion / lasting.clamp(min=1e-9)[..., None].to(motion.dtype)
     last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
     controls = [
-        Control(poses[:, k], motion[:, k], last[:, k], stays_down[:, k], lasting[:, k].float())
+        Control(poses[:, k], motion[:, k], last[:, k], stays_down[:, k], lasting[:, k].to(motion.dtype))
         for k in range(motion.shape[1])
     ]
     return Steps(controls, knots)

@@ -4,12 +4,11 @@ What slips is let stick in part at first (eps falls from LOOSE to SLIP), which l
 iterations. Scenes that have converged are left alone while the others go on.
 """
 
-import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph.graph.contact_graph import ContactGraph
@@ -31,8 +30,6 @@ DAMPING = 1e-9
 """The curvature's diagonal is so much larger, in shares, that rounding leaves it positive."""
 MANY = 0.4
 """While at least this share of the scenes still moves, all go on."""
-SIZES = ()
-"""Scenes of up to so many free pieces are solved together."""
 FEW = 24
 """So few systems are solved one by one, by LAPACK."""
 LARGE = 64
@@ -46,22 +43,8 @@ def solve(graph: ContactGraph, correction: Correction | None = None) -> Float[Te
     if bool(problem.given.all()):
         return start
     with torch.no_grad():
-        twist = start.clone()
-        for nodes in _alike(problem):
-            part, _ = problem.part(nodes)
-            twist[:, nodes] = _solved(part, start[:, nodes], None, 0)
+        twist = _solved(problem, start, None, 0)
     return _differentiable(problem, torch.where(problem.given, graph.nodes.twist, twist))
-
-
-def _alike(problem: ContactProblem) -> list[Int[Tensor, " nodes"]]:
-    """Nodes of scenes with about as many free nodes: their systems are solved together."""
-    count = problem.scene.new_zeros(int(problem.scene.max()) + 1).index_add(0, problem.scene, (~problem.given).long())
-    size = count.index_select(0, problem.scene)
-    if len(count) <= FEW:
-        return [torch.arange(len(size), device=size.device)]
-    bounds = [0, *SIZES, int(size.max())]
-    groups = [((size > low) & (size <= high)).nonzero().squeeze(-1) for low, high in itertools.pairwise(bounds)]
-    return [nodes for nodes in groups if len(nodes)]
 
 
 class Held(NamedTuple):
