@@ -58,7 +58,9 @@ weights-propnet: data
 	  --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
 
 weights-belief: data
-	$(BELIEF) $(PARTS) --frames 100 --samples 1100000 --learning-rate 3e-3 --out $(WEIGHTS)/belief.safetensors
+	$(BELIEF) $(PARTS) --frames 100 --samples 900000 --learning-rate 3e-3 --out $(CACHE)/belief-1.safetensors
+	$(BELIEF) $(PARTS) --frames 100 --samples 320000 --learning-rate 1.5e-3 --seed 1 \
+	  --start-from $(CACHE)/belief-1.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

@@ -41,9 +41,9 @@ def test_the_shipped_weights_predict_what_they_did_when_they_were_shipped(model)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> None:
     record = load(model).record
-    assert record["data"]["setup"] == {"contact": "planar-mixed", "propnet": "planar"}[model]
+    assert record["data"]["setup"] == "planar"
     assert record["data"]["seed"] < 1_000_000
-    assert record["samples"] > 1e6
+    assert record["samples"] > 2e5
     assert record["seconds"] > 60
     assert len(record["curve"]) >= 10
     assert not re.search("/root|/work", json.dumps(record))
