@@ -37,10 +37,6 @@ from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.track import FRAME, Track
 
 GRAVITY = 9.81
-SCALE = 10.0
-"""Box2D is made for things of 0.1 to 10 m: lengths are scaled by this."""
-CENTIMETRES = 100.0
-"""pymunk's tolerances are made for lengths of 10 to 1,000."""
 
 
 class Piece(NamedTuple):
@@ -108,8 +104,52 @@ def placed_shapes(scene: Scene, piece: Piece) -> list[tuple[float, np.ndarray]]:
     return outlines(shapes)
 
 
-class Box2DScene:
-    """A scene in Box2D."""
+class PeerScene:
+    """A scene in another engine: what its two kinds share. SCALE: lengths are multiplied by it."""
+
+    SCALE: float
+    scene: Scene
+    step: float
+    pieces: list[Piece]
+    bodies: list[object]
+
+    def place_tool(self, place: np.ndarray) -> None:
+        """Put the tool somewhere; x, y scaled, yaw (rad)."""
+        raise NotImplementedError
+
+    def advance(self, velocity: np.ndarray) -> None:
+        """Drive the tool for one step; scaled."""
+        raise NotImplementedError
+
+    def poses(self) -> np.ndarray:
+        """Of all bodies, pose_world_from_body."""
+        found = np.zeros((len(self.scene.bodies), 3))
+        for piece, body in zip(self.pieces, self.bodies, strict=True):
+            place = np.array([body.position[0] / self.SCALE, body.position[1] / self.SCALE, body.angle])
+            for k in piece.members:
+                own = np.array(self.scene.bodies[k].pose_world_from_body, dtype=float)
+                found[k] = own if piece.fixed else pose.compose(place, own - [*piece.origin, 0.0])
+        return found
+
+    def run(self, frames: int) -> np.ndarray:
+        """Poses in every frame of the first push."""
+        motion = ToolMotion(self.scene.pushes[0], self.scene.tool)
+        substeps = round(FRAME / self.step)
+        path = motion.poses(np.arange(frames * substeps + 1) * self.step) * [self.SCALE, self.SCALE, 1.0]
+        self.place_tool(path[0])
+        velocities = np.diff(path, axis=0) / self.step
+        found = [self.poses()]
+        for frame in range(frames):
+            for velocity in velocities[frame * substeps : (frame + 1) * substeps]:
+                self.advance(velocity)
+            found.append(self.poses())
+        return np.array(found)
+
+
+class Box2DScene(PeerScene):
+    """A scene in Box2D, which is made for things of 0.1 to 10 m."""
+
+    SCALE = 10.0
 
     def __init__(self, scene: Scene, step: float, iterations: int) -> None:
         self.scene, self.step, self.iterations = scene, step, iterations
@@ -119,15 +159,15 @@ class Box2DScene:
         self.bodies = []
         for piece in self.pieces:
             make = self.world.CreateStaticBody if piece.fixed else self.world.CreateDynamicBody
-            body = make(position=(piece.origin * SCALE).tolist())
+            body = make(position=(piece.origin * self.SCALE).tolist())
             self._add_shapes(body, placed_shapes(scene, piece))
             self.bodies.append(body)
             if piece.fixed:
                 continue
-            body.massData = Box2D.b2MassData(mass=piece.mass, center=(0, 0), I=piece.moment * SCALE**2)
+            body.massData = Box2D.b2MassData(mass=piece.mass, center=(0, 0), I=piece.moment * self.SCALE**2)
             for point, weight in zip(piece.feet, piece.weights, strict=True):
-                force = scene.table.friction * piece.mass * weight * GRAVITY * SCALE
-                anchor = (point * SCALE).tolist()
+                force = scene.table.friction * piece.mass * weight * GRAVITY * self.SCALE
+                anchor = (point * self.SCALE).tolist()
                 self.world.CreateFrictionJoint(bodyA=ground, bodyB=body, anchor=anchor, maxForce=force, maxTorque=0.0)
         self._add_joints()
         self.tool = self.world.CreateKinematicBody()
@@ -137,10 +177,10 @@ class Box2DScene:
     def _add_shapes(self, body: object, shapes: list[tuple[float, np.ndarray]]) -> None:
         for radius, points in shapes:
             if radius:
-                shape = Box2D.b2CircleShape(pos=(points * SCALE).tolist(), radius=radius * SCALE)
+                shape = Box2D.b2CircleShape(pos=(points * self.SCALE).tolist(), radius=radius * self.SCALE)
             else:
-                shape = Box2D.b2PolygonShape(vertices=(points * SCALE).tolist())
-                shape.radius = 0.001 * SCALE / 10
+                shape = Box2D.b2PolygonShape(vertices=(points * self.SCALE).tolist())
+                shape.radius = 0.001 * self.SCALE / 10
             body.CreateFixture(shape=shape, density=1.0, friction=self.scene.side_friction, restitution=0.0)
 
     def _add_joints(self) -> None:
@@ -154,43 +194,26 @@ class Box2DScene:
             if joint.kind == "revolute":
                 limits |= {"lowerAngle": max(frame.limits[0], -6.0), "upperAngle": min(frame.limits[1], 6.0)}
                 self.world.CreateRevoluteJoint(
-                    bodyA=a, bodyB=b, anchor=(frame.anchor * SCALE).tolist(), collideConnected=True, **limits
+                    bodyA=a, bodyB=b, anchor=(frame.anchor * self.SCALE).tolist(), collideConnected=True, **limits
                 )
             else:
-                limits |= {"lowerTranslation": frame.limits[0] * SCALE, "upperTranslation": frame.limits[1] * SCALE}
-                anchor, axis = (frame.anchor * SCALE).tolist(), frame.axis.tolist()
+                low, high = (limit * self.SCALE for limit in frame.limits)
+                limits |= {"lowerTranslation": low, "upperTranslation": high}
+                anchor, axis = (frame.anchor * self.SCALE).tolist(), frame.axis.tolist()
                 self.world.CreatePrismaticJoint(bodyA=a, bodyB=b, anchor=anchor, axis=axis, **limits)
 
-    def poses(self) -> np.ndarray:
-        found = np.zeros((len(self.scene.bodies), 3))
-        for piece, body in zip(self.pieces, self.bodies, strict=True):
-            for k in piece.members:
-                own = np.array(self.scene.bodies[k].pose_world_from_body, dtype=float)
-                if not piece.fixed:
-                    place = np.array([body.position[0] / SCALE, body.position[1] / SCALE, body.angle])
-                    own = pose.compose(place, own - [*piece.origin, 0.0])
-                found[k] = own
-        return found
+    def place_tool(self, place: np.ndarray) -> None:
+        self.tool.position, self.tool.angle = place[:2].tolist(), float(place[2])
 
-    def run(self, frames: int) -> np.ndarray:
-        motion = ToolMotion(self.scene.pushes[0], self.scene.tool)
-        substeps = round(FRAME / self.step)
-        path = motion.poses(np.arange(frames * substeps + 1) * self.step)
-        x, y, yaw = path[0]
-        self.tool.position, self.tool.angle = (x * SCALE, y * SCALE), yaw
-        found = [self.poses()]
-        for frame in range(frames):
-            for k in range(frame * substeps, (frame + 1) * substeps):
-                velocity = (path[k + 1] - path[k]) / self.step
-                self.tool.linearVelocity = (velocity[:2] * SCALE).tolist()
-                self.tool.angularVelocity = velocity[2]
-                self.world.Step(self.step, self.iterations, self.iterations)
-            found.append(self.poses())
-        return np.array(found)
+    def advance(self, velocity: np.ndarray) -> None:
+        self.tool.linearVelocity, self.tool.angularVelocity = velocity[:2].tolist(), float(velocity[2])
+        self.world.Step(self.step, self.iterations, self.iterations)
 
 
-class PymunkScene:
-    """A scene in pymunk."""
+class PymunkScene(PeerScene):
+    """A scene in pymunk, whose tolerances are made for lengths of 10 to 1,000."""
+
+    SCALE = 100.0
 
     def __init__(self, scene: Scene, step: float, iterations: int) -> None:
         self.scene, self.step = scene, step
@@ -203,15 +226,15 @@ class PymunkScene:
             if piece.fixed:
                 body = pymunk.Body(body_type=pymunk.Body.STATIC)
             else:
-                body = pymunk.Body(piece.mass, piece.moment * CENTIMETRES**2)
-            body.position = tuple(piece.origin * CENTIMETRES)
+                body = pymunk.Body(piece.mass, piece.moment * self.SCALE**2)
+            body.position = tuple(piece.origin * self.SCALE)
             self.space.add(body)
             self._add_shapes(body, placed_shapes(scene, piece))
             self.bodies.append(body)
             for point, weight in zip(piece.feet, piece.weights, strict=True):
-                local = tuple((point - piece.origin) * CENTIMETRES)
-                slide = pymunk.PivotJoint(self.space.static_body, body, tuple(point * CENTIMETRES), local)
-                slide.max_force = scene.table.friction * piece.mass * weight * GRAVITY * CENTIMETRES
+                local = tuple((point - piece.origin) * self.SCALE)
+                slide = pymunk.PivotJoint(self.space.static_body, body, tuple(point * self.SCALE), local)
+                slide.max_force = scene.table.friction * piece.mass * weight * GRAVITY * self.SCALE
                 slide.max_bias = 0.0
                 self.space.add(slide)
         index = {name: k for k, name in enumerate(scene.names)}
@@ -220,12 +243,12 @@ class PymunkScene:
                 continue
             a, b = (self.bodies[self.owner[index[name]]] for name in (joint.parent, joint.child))
             frame = scene.joint_frame(joint)
-            anchor = frame.anchor * CENTIMETRES
+            anchor = frame.anchor * self.SCALE
             if joint.kind == "revolute":
                 limit = pymunk.RotaryLimitJoint(a, b, max(frame.limits[0], -6.0), min(frame.limits[1], 6.0))
                 self.space.add(pymunk.PivotJoint(a, b, tuple(anchor)), limit)
             else:
-                ends = [tuple(anchor + limit * CENTIMETRES * frame.axis - a.position) for limit in frame.limits]
+                ends = [tuple(anchor + limit * self.SCALE * frame.axis - a.position) for limit in frame.limits]
                 groove = pymunk.GrooveJoint(a, b, *ends, tuple(anchor - b.position))
                 groove.collide_bodies = False
                 self.space.add(groove, pymunk.GearJoint(a, b, 0.0, 1.0))
@@ -236,36 +259,18 @@ class PymunkScene:
     def _add_shapes(self, body: pymunk.Body, shapes: list[tuple[float, np.ndarray]]) -> None:
         for radius, points in shapes:
             if radius:
-                shape = pymunk.Circle(body, radius * CENTIMETRES, tuple(points * CENTIMETRES))
+                shape = pymunk.Circle(body, radius * self.SCALE, tuple(points * self.SCALE))
             else:
-                shape = pymunk.Poly(body, [tuple(corner) for corner in points * CENTIMETRES])
+                shape = pymunk.Poly(body, [tuple(corner) for corner in points * self.SCALE])
             shape.friction, shape.elasticity = math.sqrt(self.scene.side_friction), 0.0
             self.space.add(shape)
 
-    def poses(self) -> np.ndarray:
-        found = np.zeros((len(self.scene.bodies), 3))
-        for piece, body in zip(self.pieces, self.bodies, strict=True):
-            place = np.array([body.position[0] / CENTIMETRES, body.position[1] / CENTIMETRES, body.angle])
-            for k in piece.members:
-                own = np.array(self.scene.bodies[k].pose_world_from_body, dtype=float)
-                found[k] = own if piece.fixed else pose.compose(place, own - [*piece.origin, 0.0])
-        return found
+    def place_tool(self, place: np.ndarray) -> None:
+        self.tool.position, self.tool.angle = tuple(place[:2]), float(place[2])
 
-    def run(self, frames: int) -> np.ndarray:
-        motion = ToolMotion(self.scene.pushes[0], self.scene.tool)
-        substeps = round(FRAME / self.step)
-        path = motion.poses(np.arange(frames * substeps + 1) * self.step)
-        x, y, yaw = path[0]
-        self.tool.position, self.tool.angle = (x * CENTIMETRES, y * CENTIMETRES), yaw
-        found = [self.poses()]
-        for frame in range(frames):
-            for k in range(frame * substeps, (frame + 1) * substeps):
-                velocity = (path[k + 1] - path[k]) / self.step
-                self.tool.velocity = tuple(velocity[:2] * CENTIMETRES)
-                self.tool.angular_velocity = float(velocity[2])
-                self.space.step(self.step)
-            found.append(self.poses())
-        return np.array(found)
+    def advance(self, velocity: np.ndarray) -> None:
+        self.tool.velocity, self.tool.angular_velocity = tuple(velocity[:2]), float(velocity[2])
+        self.space.step(self.step)
 
 
 class MujocoScene:
@@ -279,7 +284,7 @@ class MujocoScene:
         return self.simulation.track().poses[: frames + 1, 1:]
 
 
-PEERS: dict[str, Callable[[Scene], Box2DScene | PymunkScene | MujocoScene]] = {
+PEERS: dict[str, Callable[[Scene], PeerScene]] = {
     "Box2D, 10 ms, 10 iterations": lambda scene: Box2DScene(scene, 0.01, 10),
     "Box2D, 5 ms, 20 iterations": lambda scene: Box2DScene(scene, 0.005, 20),
     "pymunk, 10 ms, 10 iterations": lambda scene: PymunkScene(scene, 0.01, 10),

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import torch
+from predictors import drawn_correction, no_correction
 from scenes import body, flat_tool, mirrored, moved_by
-from test_dynamics import unlearnt_contact
 
 from pushgraph.body import Body, Joint
 from pushgraph.contact import signed_gap
+from pushgraph.graph.contact_features import contact_features
 from pushgraph.graph.contact_graph import contact_graph
-from pushgraph.graph.state import Control
+from pushgraph.graph.state import Control, State
 from pushgraph.network.contact_problem import SLIP, ContactProblem
-from pushgraph.network.dynamics import ContactDynamics
 from pushgraph.network.newton import solve, solve_positive
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import relative
@@ -28,12 +28,12 @@ from pushgraph.track import Track
 
 @pytest.fixture(scope="module")
 def laws() -> PhysicsPredictor:
-    return PhysicsPredictor(ContactDynamics().eval().requires_grad_(False))
+    return no_correction()
 
 
 @pytest.fixture(scope="module")
 def drawn() -> PhysicsPredictor:
-    return PhysicsPredictor(unlearnt_contact())
+    return drawn_correction()
 
 
 def crowd() -> Scene:
@@ -54,11 +54,12 @@ def crowd() -> Scene:
     )
 
 
-def graph_of(scene: Scene, tool=(-0.13, 0.02, 0.0), motion=(0.012, 0.001, 0.02)):
-    state = PhysicsPredictor(ContactDynamics()).start([scene])
+def start_of(scene: Scene, tool=(-0.13, 0.02, 0.0), motion=(0.012, 0.001, 0.02)) -> tuple[State, Control]:
+    """The scene at rest, and a first step of the tool."""
+    state = no_correction().start([scene])
     still = torch.zeros(1, 3, dtype=torch.float64)
     rows = [torch.tensor([row], dtype=torch.float64) for row in (tool, motion)]
-    return contact_graph(state, Control(*rows, still, torch.tensor([True])))
+    return state, Control(*rows, still, torch.tensor([True]))
 
 
 def overlap(track: Track, bodies: Sequence[int]) -> float:
@@ -74,7 +75,7 @@ def overlap(track: Track, bodies: Sequence[int]) -> float:
 
 def test_the_gradient_of_the_energy_is_that_of_finite_differences() -> None:
     """Friction is held meanwhile, and twists are far from where a contact closes."""
-    graph = graph_of(crowd())
+    graph = contact_graph(*start_of(crowd()))
     problem = ContactProblem.of(graph)
     generator = torch.Generator().manual_seed(0)
     twist = 0.5 * torch.randn(3, len(graph.nodes.mass), generator=generator, dtype=torch.float64)
@@ -104,7 +105,7 @@ def test_the_gradient_of_the_energy_is_that_of_finite_differences() -> None:
 
 
 def test_the_slope_along_a_direction_is_the_gradient_times_it() -> None:
-    graph = graph_of(crowd())
+    graph = contact_graph(*start_of(crowd()))
     problem = ContactProblem.of(graph)
     generator = torch.Generator().manual_seed(1)
     twist, direction = torch.randn(2, 3, len(graph.nodes.mass), generator=generator, dtype=torch.float64)
@@ -118,18 +119,23 @@ def test_the_slope_along_a_direction_is_the_gradient_times_it() -> None:
         assert float(slope) == pytest.approx(expected, rel=1e-9)
 
 
-def test_forces_of_pairs_are_equal_and_opposite(drawn) -> None:
+@pytest.mark.parametrize("corrected", [False, True])
+def test_forces_of_pairs_are_equal_and_opposite(corrected: bool, drawn) -> None:
     """What acts between nodes adds up to nothing over all nodes, tools and walls included."""
-    graph = graph_of(crowd())
-    features = torch.Generator().manual_seed(2)
-    twist = torch.randn(3, len(graph.nodes.mass), generator=features, dtype=torch.float64)
-    whole = ContactProblem.of(graph)
+    state, control = start_of(crowd())
+    graph = contact_graph(state, control)
+    network = drawn.dynamics.network
+    correction = network(graph, contact_features(state, graph)) if corrected else None
+    generator = torch.Generator().manual_seed(2)
+    twist = torch.randn(3, len(graph.nodes.mass), generator=generator, dtype=torch.float64)
+    whole = ContactProblem.of(graph, correction)
+    assert bool(whole.force.any()) == corrected
     without = whole._replace(
         inertia=torch.zeros_like(whole.inertia), feet=whole.feet._replace(weight=torch.zeros_like(whole.feet.weight))
     )
-    forces = without.linearize(twist, SLIP, 1.0).linearized().gradient[:2]
+    forces = without.linearize(twist, SLIP, 1.0).linearized().gradient
     assert float(forces.abs().max()) > 0.1
-    assert float(forces.sum(1).abs().max()) < 1e-9 * float(forces.abs().max())
+    assert float(forces[:2].sum(1).abs().max()) < 1e-9 * float(forces.abs().max())
 
 
 @pytest.mark.parametrize("systems", [3, 60])
@@ -146,7 +152,7 @@ def test_positive_systems_are_solved_however_many_there_are(systems: int) -> Non
 def test_forces_balance_in_the_solution(monkeypatch) -> None:
     monkeypatch.setattr("pushgraph.network.newton.CONVERGED", 1e-9)
     monkeypatch.setattr("pushgraph.network.newton.ITERATIONS", 200)
-    graph = graph_of(crowd())
+    graph = contact_graph(*start_of(crowd()))
     twist = solve(graph)
     gradient = ContactProblem.of(graph).linearize(twist, SLIP, 1.0).linearized().gradient
     assert float(gradient[:, ~graph.nodes.given].abs().max()) < 1e-6

@@ -63,10 +63,8 @@ def test_a_graph_of_three_nodes_worked_by_hand() -> None:
         assert float(contacts.friction[k]) == pytest.approx(0.25)
     with_tool = int((contacts.points.second == tool).nonzero())
     assert contacts.points.first_arm[:, with_tool].tolist() == pytest.approx([-0.06 / LEVER, 0.0], abs=1e-5)
-    assert contacts.points.second_arm[:, with_tool].tolist() == pytest.approx([0.05 / LEVER, 0.0], abs=0.11)
-    reach = MARGIN + 2 * step
-    fade = min(1.0, (reach - 0.001) / (reach / 3))
-    assert float(graph.edges.fade[graph.edges.is_tool]) == pytest.approx(fade, abs=0.3)
+    assert contacts.points.second_arm[:, with_tool].tolist() == pytest.approx([0.05 / LEVER, 0.0], abs=1e-5)
+    assert graph.edges.fade.tolist() == [1, 1]
 
 
 def test_feet_carry_the_weight_of_their_pieces_and_resist_a_spin_as_uniform_pressure_does() -> None:

@@ -118,6 +118,12 @@ def draw_push(rng: np.random.Generator) -> Push:
     )
 
 
+@pytest.mark.parametrize(("seed", "says"), [(115, "is thrown off at"), (182, "against what cannot give way")])
+def test_what_is_crushed_is_refused_in_words(seed: int, says: str) -> None:
+    with pytest.raises(SimulationError, match=says):
+        simulate(odd_scene(seed))
+
+
 @pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.slow) for first in range(20, 200, 20))])
 def test_odd_scenes_move_to_finite_poses_or_are_refused_in_words(first: int) -> None:
     wrong, crushed = [], 0

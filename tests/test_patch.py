@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 import shapely
+from exact_shapes import mean_radius
 from scenes import body
 
 from pushgraph import pose
 from pushgraph.errors import SceneError
 from pushgraph.patch import mass_properties, patch_of
-from pushgraph.shape import Cuboid, Cylinder, Polygon, mean_radius
+from pushgraph.shape import Cuboid, Cylinder, Polygon
 
 BAR = Cuboid(size=(0.2, 0.04))
 DISC = Cylinder(diameter=0.1)

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from exact_shapes import mean_radius, mean_squared_radius
 from planar_reference import GRAVITY, pressure, reference_ends
 from random_pushes import KINDS, START_GAP, TRAVEL, kind_of, random_pushes
 from scenes import body
 
 from pushgraph.scene import Scene, Table
-from pushgraph.shape import Cuboid, Cylinder, mean_radius, mean_squared_radius
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.tool import Part, Push, Tool
 

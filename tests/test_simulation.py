@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from exact_shapes import mean_radius
 
 from pushgraph.body import Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.pose import compose, inverse, relative, transform
 from pushgraph.scene import Scene, Table
-from pushgraph.shape import Cuboid, Cylinder, mean_radius
+from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion, plan_tool
 from pushgraph.simulation.planar import PlanarSimulation, simulate
 from pushgraph.simulation.planar_model import TIMESTEP, build

@@ -227,6 +227,10 @@ def test_a_mirrored_scene_is_the_scene_of_the_mirrored_world() -> None:
         expected = batch_scenes([Scene.from_json(there.to_json(), trusted=True)])
         mirrored = mirror_scenes(batch_scenes([scene]), torch.tensor([-1.0]))
         torch.testing.assert_close(mirrored.pose_tool_from_part, expected.pose_tool_from_part)
+        torch.testing.assert_close(mirrored.centre_of_mass, expected.centre_of_mass, atol=1e-4, rtol=0)
+        # The order of feet may differ, their moments may not.
+        skewed = [(feet.shares * feet.points.prod(-1)).sum(-1) for feet in (mirrored.feet, expected.feet)]
+        torch.testing.assert_close(*skewed, atol=3e-5, rtol=0)
         for one, other in zip(mirrored.relations, expected.relations, strict=True):
             torch.testing.assert_close(one, other, atol=1e-6, rtol=0)
         found += len(joints)

@@ -152,9 +152,13 @@ def _edge_features(state: State, graph: ContactGraph, points: Points) -> Tensor:
         turn.tanh(),
         *_in_frame(axis, normal),
     )
-    limits = zip(_lengths(low, step), _lengths(high, step), strict=True)
+    # Seen from the other end, relative motions and both axes of the frame turn round; a hinge's limits change places.
+    hinge = of_joints(joints.revolute.float()) > 0
+    limits = (low, high), (torch.where(hinge, high, low), torch.where(hinge, low, high))
     views = []
-    for receiver, sender, towards in ((0, 1, normal), (1, 0, -normal)):
+    for receiver, sender, towards, sign in ((0, 1, normal, 1.0), (1, 0, -normal, -1.0)):
+        approach_x, approach_y, turning, drift_x, drift_y, turn, axis_x, axis_y = relative
+        (low_steps, low), (high_steps, high) = (_lengths(limit, step) for limit in limits[receiver])
         columns = (
             *same,
             nodes.is_tool[ends[sender]],
@@ -164,24 +168,17 @@ def _edge_features(state: State, graph: ContactGraph, points: Points) -> Tensor:
             *common,
             *_in_frame(levers[receiver], towards),
             *_in_frame(levers[sender], towards),
-            # Seen from the other end, relative motions and both axes of the frame turn round.
-            *relative[:2],
-            relative[2] if receiver == 0 else -relative[2],
-            *relative[3:5],
-            relative[5] if receiver == 0 else -relative[5],
-            *relative[6:],
+            *(approach_x, approach_y, sign * turning),
+            *(drift_x, drift_y, sign * turn),
+            *(axis_x, axis_y, low_steps, high_steps, low, high),
+            *(part for end in (receiver, sender) for part in _twist_in_frame(last[:, ends[end]], towards)),
         )
-        views.append(list(columns))
-    pairs = list(limits)
-    for (receiver, sender), columns, towards in zip(((0, 1), (1, 0)), views, (normal, -normal), strict=True):
-        hinge = of_joints(joints.revolute.float()) > 0
-        for at_low, at_high in pairs:
-            swapped = hinge if receiver == 1 else torch.zeros_like(hinge)
-            columns += [torch.where(swapped, at_high, at_low), torch.where(swapped, at_low, at_high)]
-        for end in (receiver, sender):
-            twist = last[:, ends[end]]
-            columns += [*_in_frame(twist[:2], towards), twist[2]]
-    return torch.cat([torch.stack([values.float() for values in columns], -1) for columns in views])
+        views.append(torch.stack([values.float() for values in columns], -1))
+    return torch.cat(views)
+
+
+def _twist_in_frame(twist: Float[Tensor, "3 edges"], normal: Float[Tensor, "2 edges"]) -> tuple[Tensor, ...]:
+    return *_in_frame(twist[:2], normal), twist[2]
 
 
 def _lengths(values: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:

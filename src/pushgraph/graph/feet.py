@@ -65,7 +65,7 @@ def _feet_of_unit_disc() -> BodyFeet:
 
 
 def _mean_radius(half_x: Tensor, half_y: Tensor) -> Tensor:
-    """Mean distance of a rectangle's points from its middle; see `pushgraph.shape.mean_radius`."""
+    """Mean distance of a rectangle's points from its middle."""
     diagonal = torch.hypot(half_x, half_y)
     return (
         diagonal / 3

@@ -122,7 +122,6 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
         "present": np.zeros((count, bodies), bool),
         "core": np.zeros((count, bodies, 3), np.float32),
         "is_cylinder": np.zeros((count, bodies), bool),
-        "centre_of_mass": np.zeros((count, bodies, 2), np.float32),
         "group": np.tile(np.arange(bodies), (count, 1)),
         "immovable": np.zeros((count, bodies), bool),
         "mass": np.full((count, bodies), NOMINAL_MASS, np.float32),
@@ -157,10 +156,11 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
     boxes = RoundedBox(core[..., :2], core[..., 2])
     feet = feet_of_shapes(boxes, tensors["is_cylinder"])
     gyration = boxes.radius.square() / 2 + boxes.half_extents.square().sum(-1) / 3
-    feet, gyration = _with_patches(scenes, feet, gyration, tensors["centre_of_mass"])
+    feet, centre_of_mass, gyration = _with_patches(scenes, feet, gyration)
     return SceneBatch(
         boxes=boxes,
         feet=feet,
+        centre_of_mass=centre_of_mass,
         gyration=gyration,
         parts=RoundedBox(part_core[..., :2], part_core[..., 2]),
         tool_radius=torch.tensor([scene.tool.reach for scene in scenes], dtype=torch.float32),
@@ -174,10 +174,11 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
 
 
 def _with_patches(
-    scenes: Sequence[Scene], feet: BodyFeet, gyration: Tensor, centre_of_mass: Tensor
-) -> tuple[BodyFeet, Tensor]:
-    """The same feet and moments, but of bodies with a support, or that overlap in a rigid group, those of their own
-    patches; their centres of mass are written to `centre_of_mass`."""
+    scenes: Sequence[Scene], feet: BodyFeet, gyration: Float[Tensor, "batch bodies"]
+) -> tuple[BodyFeet, Float[Tensor, "batch bodies 2"], Float[Tensor, "batch bodies"]]:
+    """Feet, centres of mass and moments: those given and the origins, but of bodies with a support, or that overlap in
+    a rigid group, those of their own patches."""
+    centre_of_mass = torch.zeros(*gyration.shape, 2)
     special: list[tuple[int, int, BodyPatch]] = []
     for k, scene in enumerate(scenes):
         index = {name: i for i, name in enumerate(scene.names)}
@@ -189,7 +190,7 @@ def _with_patches(
             if any(body.support is not None for body in members) or overlap_in_piece(members):
                 special += [(k, i, patch) for i, patch in zip(piece, patches_of_members(members), strict=True)]
     if not special:
-        return feet, gyration
+        return feet, centre_of_mass, gyration
     found = [feet_of(patch.pressure) for _, _, patch in special]
     missing = max(len(own.weights) for own in found) - feet.shares.shape[-1]
     points = functional.pad(feet.points, (0, 0, 0, max(missing, 0)))
@@ -202,7 +203,7 @@ def _with_patches(
         radii[k, body, :count] = torch.from_numpy(own.radii).float()
         centre_of_mass[k, body] = torch.from_numpy(patch.mass.centre).float()
         gyration[k, body] = float(np.trace(patch.mass.second_moments))
-    return BodyFeet(points, shares, radii), gyration
+    return BodyFeet(points, shares, radii), centre_of_mass, gyration
 
 
 def hide_relations(scenes: SceneBatch, hidden: Bool[Tensor, "batch pairs"]) -> SceneBatch:

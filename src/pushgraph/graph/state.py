@@ -72,9 +72,18 @@ def start(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"]) -> State:
     return State(scenes, poses, torch.zeros_like(poses), remember(scenes, scenes.relations, poses, ADJACENT))
 
 
-def controls(tool: Float[Tensor, "batch frames 3"], down: Bool[Tensor, "batch frames"]) -> list[Control]:
-    """What the tool does in each frame but the last, given its poses."""
+def controls(
+    tool: Float[Tensor, "batch knots 3"],
+    down: Bool[Tensor, "batch knots"],
+    frames: Float[Tensor, "batch steps"] | None = None,
+) -> list[Control]:
+    """What the tool does in each step, given its poses where steps begin and end. frames: how long they are, one each
+    by default; a step of none is none."""
+    frames = torch.ones_like(tool[:, 1:, 0]) if frames is None else frames.to(tool.dtype)
     stays_down = down[:, 1:] & down[:, :-1]
-    motion = torch.where(stays_down[..., None], tool[:, 1:] - tool[:, :-1], 0.0)
-    last = torch.cat((torch.zeros_like(motion[:, :1]), motion[:, :-1]), 1)
-    return [Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k]) for k in range(motion.shape[1])]
+    motion = torch.where(stays_down[..., None], tool.diff(dim=1), 0.0)
+    pace = motion / frames.clamp(min=1e-9)[..., None]
+    last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
+    return [
+        Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k]) for k in range(motion.shape[1])
+    ]

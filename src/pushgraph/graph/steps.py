@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph.graph.state import Control
+from pushgraph.graph.state import Control, controls
 
 LONGEST = 0.025
 """No point of the tool moves farther in one step (m)."""
@@ -67,17 +67,7 @@ def plan_steps(
     poses = torch.lerp(tool[rows, before], tool[rows, before + 1], share)
     # The tool is down in a step if it is down in the frames at and around both of its ends.
     ends = [down[rows, index] for index in (knots.floor().long(), knots.ceil().long())]
-    is_down = ends[0] & ends[1]
-    lasting = knots.diff(dim=1)
-    stays_down = is_down[:, 1:] & is_down[:, :-1]
-    motion = torch.where(stays_down[..., None], poses.diff(dim=1), 0.0)
-    pace = motion / lasting.clamp(min=1e-9)[..., None].to(motion.dtype)
-    last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
-    controls = [
-        Control(poses[:, k], motion[:, k], last[:, k], stays_down[:, k], lasting[:, k].to(motion.dtype))
-        for k in range(motion.shape[1])
-    ]
-    return Steps(controls, knots)
+    return Steps(controls(poses, ends[0] & ends[1], knots.diff(dim=1)), knots)
 
 
 def _knots(path: np.ndarray, down: np.ndarray, radius: float, longest: int) -> np.ndarray:

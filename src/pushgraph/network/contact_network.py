@@ -6,7 +6,6 @@ both ends of every edge; what is even in a mirror is their mean, what is odd (th
 difference. So mirror images have mirrored answers and forces of a pair are equal and opposite, whatever the weights.
 """
 
-
 import torch
 from torch import Tensor, nn
 

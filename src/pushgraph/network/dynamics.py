@@ -152,7 +152,7 @@ class PropnetDynamics(nn.Module):
 
 CONTACT_STATE = ("gap", "parts", "slips", "presses")
 """What is foreseen of a contact: its gap at the start and how much it opens (steps), how far the sender slips to the
-left, and the force (weights of what may move), all bounded."""
+left, all three clamped, and log(1 + force), in weights of what may move."""
 
 
 def contact_state(graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) -> Float[Tensor, "directed state"]:

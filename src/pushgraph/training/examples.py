@@ -19,7 +19,7 @@ from pushgraph.graph.scene_batch import (
     pairs_of,
     remember,
 )
-from pushgraph.graph.state import ADJACENT, Control, State
+from pushgraph.graph.state import ADJACENT, Control, State, controls
 from pushgraph.graph.steps import LONGEST
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 
@@ -65,14 +65,14 @@ class ExampleMaker:
         state = State(scenes, bodies[:, 1], bodies[:, 1] - bodies[:, 0], relations)
         frames_per_step = min(frames_per_step, tool.shape[1] - 2)
         knots = torch.arange(1, tool.shape[1], frames_per_step, device=device)
+        # The first step tells the pace of the frame before, and is not predicted.
+        at_knots = torch.cat((tool[:, :1], tool[:, knots]), 1)
+        lasting = torch.full_like(at_knots[:, 1:, 0], float(frames_per_step))
+        lasting[:, 0] = 1.0
+        steps = controls(at_knots, torch.ones_like(at_knots[..., 0], dtype=torch.bool), lasting)[1:]
         motion = tool[:, knots].diff(dim=1)
-        pace = torch.cat(((tool[:, 1] - tool[:, 0])[:, None], motion[:, :-1] / frames_per_step), 1)
-        down = torch.ones(len(tool), dtype=torch.bool, device=device)
-        lasting = torch.full((len(tool),), float(frames_per_step), device=device)
-        steps = range(len(knots) - 1)
-        controls = [Control(tool[:, knots[k]], motion[:, k], pace[:, k], down, lasting) for k in steps]
         travel = motion[..., :2].norm(dim=-1) + motion[..., 2].abs() * scenes.tool_radius[:, None]
-        return Example(state, controls, bodies[:, knots], travel.amax(1) <= LONGEST)
+        return Example(state, steps, bodies[:, knots], travel.amax(1) <= LONGEST)
 
 
 def mirror(poses: Float[Tensor, "batch *nodes 3"], sign: Float[Tensor, " batch"]) -> Float[Tensor, "batch *nodes 3"]:
