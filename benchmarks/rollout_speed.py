@@ -110,7 +110,7 @@ def final_error(predictor: PhysicsPredictor, tracks: list[Track], frames: int) -
     """Mean distance (m) from the simulated tracks in the last frame, of objects that moved."""
     state, poses, down = windows(tracks, frames)
     with torch.no_grad():
-        predicted = predictor.rollout(state, poses[:, :, 0], down)[:, -1]
+        predicted = predictor.rollout(state, poses[:, :, 0], down).poses[:, -1]
     true = poses[:, :, 1:]
     moved = (true[:, -1] - true[:, 0])[..., :2].norm(dim=-1) > MOVED
     return float((predicted - true[:, -1])[..., :2].norm(dim=-1)[moved].mean())
@@ -123,7 +123,7 @@ def training_seconds(predictor: PhysicsPredictor, tracks: list[Track], frames: i
     def work() -> None:
         now, predicted, loss = state, state.poses, 0.0
         for frame, control in enumerate(controls(poses[:, :, 0], down), start=1):
-            predicted = predicted + dynamics(now, control)
+            predicted = predicted + dynamics(now, control).motion
             loss = loss + (predicted - poses[:, frame, 1:]).square().sum()
             now = now.observe(predicted.detach())
         loss.backward()

@@ -34,7 +34,7 @@ def main() -> None:
 
     optimizer = torch.optim.Adam([push], lr=0.03)
     for _ in range(STEPS):
-        poses = predictor.rollout(states, tool_poses(), down)
+        poses = predictor.rollout(states, tool_poses(), down).poses
         distance = (poses[:, -1, 0, :2] - GOAL).norm(dim=-1)
         optimizer.zero_grad()
         distance.sum().backward()

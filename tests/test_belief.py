@@ -291,7 +291,7 @@ def test_a_believed_cycle_of_joints_is_predicted_without_tearing(kinds) -> None:
     state = believe(state, torch.tensor([[JOINT_CODES[kind] for kind in kinds]]))
     track = PhysicsPredictor.load().predict(scene)
     tool, down = torch.from_numpy(track.poses[None, :, 0]), torch.from_numpy(track.down[None])
-    poses = PhysicsPredictor.load().rollout(state, tool, down)[0]
+    poses = PhysicsPredictor.load().rollout(state, tool, down).poses[0]
     assert poses.isfinite().all()
     assert float((poses[-1] - poses[0]).norm(dim=-1).max()) > 0.05
     a, b = pairs_of(3)

@@ -5,11 +5,11 @@ import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from safetensors.torch import save
 from torch import Tensor
 
@@ -17,7 +17,7 @@ from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import CheckpointError, PredictionError, RangeWarning
 from pushgraph.graph.scene_batch import batch_scenes
-from pushgraph.graph.state import Control, State, start
+from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
 from pushgraph.network.dynamics import DYNAMICS, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
@@ -37,35 +37,54 @@ FEW = 64
 """So few scenes are predicted on one thread: several would wait for each other more than they work."""
 
 
+class Rollout(NamedTuple):
+    """Poses in every frame, the first being where everything starts.
+
+    poses: pose_world_from_body. tool: pose_world_from_tool; as it was asked for, but where a force limit held it back.
+    """
+
+    poses: Float[Tensor, "batch frames bodies 3"]
+    tool: Float[Tensor, "batch frames 3"]
+
+
 def rollout(
     dynamics: Dynamics,
     state: State,
     tool: Float[Tensor, "batch frames 3"],
     down: Bool[Tensor, "batch frames"],
     frames_per_step: int = 1,
-) -> Float[Tensor, "batch frames bodies 3"]:
-    """Poses of all bodies (pose_world_from_body) in every frame, the first being the state's.
+    longest_step: float | None = None,
+    force_limit: Float[Tensor, "batch frames"] | None = None,
+) -> Rollout:
+    """Predict all frames.
 
-    tool: pose_world_from_tool. down: whether it is down on the table. frames_per_step: how many frames a step may
-    cover, see `pushgraph.graph.steps`. Differentiable in all poses.
+    tool: pose_world_from_tool. down: whether it is down on the table. frames_per_step, longest_step: how many frames
+    and how much of the tool's way (m) a step may cover, by default as the dynamics say; see `pushgraph.graph.steps`.
+    force_limit: of the tool along its motion (N), infinite where there is none; a tool that it holds back is late from
+    then on, until it is lifted. What cannot move is held in place, whatever the dynamics make of it.
+    Differentiable in all poses.
     """
-    steps = plan_steps(tool, down, state.scenes.tool_radius, frames_per_step)
-    return steps.at_frames(follow(dynamics, state, steps.controls), tool.shape[1])
-
-
-def follow(dynamics: Dynamics, state: State, course: Sequence[Control]) -> Float[Tensor, "batch steps bodies 3"]:
-    """Poses of all bodies after every step, the first being the state's; the course tells what the tool does next.
-
-    What cannot move is held in place, whatever the network makes of it.
-    """
-    poses = [state.poses]
+    longest = dynamics.LONGEST_STEP if longest_step is None else longest_step
+    steps = plan_steps(tool, down, state.scenes.tool_radius, frames_per_step, longest, force_limit)
+    limited = force_limit is not None and bool(force_limit.isfinite().any())
+    poses, tool_poses = [state.poses], [tool[:, 0]]
     held = state.scenes.immovable[..., None]
+    lag = torch.zeros_like(state.poses[:, 0, 0])
     # Where no gradient is wanted, torch need not keep count of versions and views: a fifth of the time of few scenes.
     with contextlib.nullcontext() if torch.is_grad_enabled() else torch.inference_mode():
-        for control in course:
-            poses.append(poses[-1] + dynamics(state, control).masked_fill(held, 0.0))
-            state = state.observe(poses[-1], control.frames)
-    return torch.stack(poses, 1)
+        for k, control in enumerate(steps.controls):
+            now = steps.late(k, lag) if limited else control
+            motion, done = dynamics(state, now)
+            poses.append(poses[-1] + motion.masked_fill(held, 0.0))
+            state = state.observe(poses[-1], now.frames)
+            if limited:
+                lag = torch.where(now.down, lag + (1 - done) * now.frames, 0.0)
+                tool_poses.append(steps.tool_at(k + 1, lag))
+    # Outside of inference mode, so that what was predicted may be learnt from.
+    poses_in_frames = steps.at_frames(torch.stack(poses, 1), tool.shape[1])
+    if limited:
+        tool = steps.at_frames(torch.stack(tool_poses, 1)[:, :, None], tool.shape[1])[:, :, 0]
+    return Rollout(poses_in_frames, tool)
 
 
 class PhysicsPredictor:
@@ -115,9 +134,11 @@ class PhysicsPredictor:
         tool: Float[Tensor, "batch frames 3"],
         down: Bool[Tensor, "batch frames"],
         frames_per_step: int = 1,
-    ) -> Float[Tensor, "batch frames bodies 3"]:
+        longest_step: float | None = None,
+        force_limit: Float[Tensor, "batch frames"] | None = None,
+    ) -> Rollout:
         """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses."""
-        return rollout(self.dynamics, states, tool, down, frames_per_step)
+        return rollout(self.dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
 
     def predict(self, scene: Scene, pushes: Sequence[Push] | None = None) -> Track:
         """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them.
@@ -132,34 +153,43 @@ class PhysicsPredictor:
         return track
 
     def predict_many(
-        self, scenes: Sequence[Scene], frames: int | None = None, frames_per_step: int = 1
+        self,
+        scenes: Sequence[Scene],
+        frames: int | None = None,
+        frames_per_step: int = 1,
+        longest_step: float | None = None,
     ) -> list[Track]:
         """Predict many scenes side by side; with `frames`, only so many frames of each.
 
-        frames_per_step: how many frames a step may cover, see `pushgraph.graph.steps`.
+        frames_per_step, longest_step: how many frames and how much of the tool's way (m) a step may cover, see
+        `pushgraph.graph.steps`.
 
         Warns, once, of what is unlike the scenes that the predictor was checked on.
         Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
         not finite; what caused it is saved.
         """
         self._warn_of_range(scenes)
-        plans = [plan_tool(scene.pushes, scene.tool) for scene in scenes]
-        plans = [(poses[:frames], push[:frames]) for poses, push in plans]
+        plans = [plan_tool(scene.pushes, scene.tool, frames) for scene in scenes]
         longest = max(len(push) for _, push in plans)
         tool = np.stack([np.concatenate((poses, np.repeat(poses[-1:], longest - len(poses), 0))) for poses, _ in plans])
         down = np.stack([np.pad(push != LIFTED, (0, longest - len(push))) for _, push in plans])
+        limits = [_force_limits(scene.pushes, push) for scene, (_, push) in zip(scenes, plans, strict=True)]
+        limits = np.stack([np.pad(limit, (0, longest - len(limit)), constant_values=np.inf) for limit in limits])
         taken_apart = [in_parts(scene) for scene in scenes]
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:
-            poses = self.rollout(
+            poses, moved_tool = self.rollout(
                 self.start([apart.scene for apart in taken_apart]),
                 torch.from_numpy(tool),
                 torch.from_numpy(down),
                 frames_per_step,
+                longest_step,
+                torch.from_numpy(limits),
             )
         self._check_finite(poses, tool)
         tracks = []
-        for k, (scene, (tool_poses, push)) in enumerate(zip(scenes, plans, strict=True)):
+        for k, (scene, (_, push)) in enumerate(zip(scenes, plans, strict=True)):
+            tool_poses = moved_tool[k, : len(push)].numpy()
             bodies = taken_apart[k].body_poses(poses[k, : len(push)].numpy())
             tracks.append(
                 Track(
@@ -198,3 +228,9 @@ class PhysicsPredictor:
             f"scene {scene}: the predicted pose of body {body} is not finite at frame {frame}; poses up to there "
             f"are in {path}"
         )
+
+
+def _force_limits(pushes: Sequence[Push], under_way: Int[np.ndarray, " frames"]) -> Float[np.ndarray, " frames"]:
+    """Of the push that is under way in each frame (N)."""
+    limits = [np.inf if push.force_limit is None else push.force_limit for push in pushes]
+    return np.array([*limits, np.inf])[under_way]  # LIFTED counts from the end

@@ -24,9 +24,9 @@ from pushgraph.graph.scene_batch import (
     hide_relations,
     remember,
 )
-from pushgraph.graph.state import ADJACENT, State, controls
+from pushgraph.graph.state import ADJACENT, State
 from pushgraph.network.dynamics import Dynamics
-from pushgraph.physics import PhysicsPredictor, follow
+from pushgraph.physics import PhysicsPredictor, rollout
 
 STARTS = tuple(range(0, 101, 10))
 """Observed frames before a rollout starts; frame 0 is seen in any case."""
@@ -133,8 +133,7 @@ def rollout_errors(
 ) -> Float[Tensor, "starts assumed batch"]:
     """Mean position error (m), over frames and bodies, of rollouts from the true state in each of `starts`.
 
-    assumed: relations at each start. All are predicted side by side. What moved in the frame before is known, of bodies
-    and tool.
+    assumed: relations at each start. All are predicted side by side. How bodies moved in the frame before is known.
     """
     befores = [max(start - 1, 0) for start in starts]
     states = [
@@ -150,10 +149,8 @@ def rollout_errors(
         return chosen.expand(*shape, *chosen.shape[3:]).flatten(0, 2)
 
     frames = [list(range(start, start + FRAMES)) for start in starts]
-    # The frame before the start only tells how the tool moved last; at the very start it rested.
-    course = [[before, *after] for before, after in zip(befores, frames, strict=True)]
-    steps = controls(from_starts(seen.tool, course), from_starts(seen.down, course))[1:]
-    predicted = follow(dynamics, concatenate(states), steps)
+    tool, down = from_starts(seen.tool, frames), from_starts(seen.down, frames)
+    predicted = rollout(dynamics, concatenate(states), tool, down).poses
     distance = (predicted - from_starts(seen.bodies, frames))[..., :2].norm(dim=-1).mean(-1).unflatten(0, shape)
     there = (torch.tensor(frames)[:, None] < seen.lengths[:, None])[:, None]
     return (distance * there).sum(-1) / there.sum(-1)

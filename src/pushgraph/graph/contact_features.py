@@ -91,7 +91,7 @@ def _node_features(state: State, graph: ContactGraph) -> Tensor:
     known = torch.ones_like(known).scatter_reduce(1, graph.pieces.index, known, "amin").flatten()[nodes.body]
     features = (
         nodes.mass.clamp(1e-4, 1e4).log(),
-        torch.where(nodes.given, 1, known),
+        torch.where(nodes.given | nodes.is_tool, 1, known),
         nodes.gyration.sqrt(),
         friction[nodes.scene],
         scenes.table_friction_known[nodes.scene],

@@ -37,11 +37,12 @@ class Nodes(NamedTuple):
     """Pieces, and tools that move.
 
     scene: which of the batch. body: the piece's first body in [batch * bodies]. given: whether the motion is given, as
-    that of tools and of what cannot move. mass: as a share of all that may move in the scene. gyration: mean squared
-    distance of the mass from its centre; both are 1 where the motion is given. centre: world (m). step: length of the
-    scene's step (m). inertia: how strongly mass resists another motion than the last, over the friction that it meets:
-    step / (mu g time^2). twist: given motions in the step, zero elsewhere. last_twist: what the motion is if nothing
-    acts.
+    that of what cannot move and of tools without a force limit. mass: as a share of all that may move in the scene, or
+    of what the tool's force could push, if that is more. gyration: mean squared distance of the mass from its centre;
+    both are 1 for tools and what cannot move. centre: world (m). step: length of the scene's step (m). inertia: how
+    strongly mass resists another motion than the last, over the friction that it meets: step / (mu g time^2). force:
+    unit of forces, mu g times the mass that masses are shares of (N). twist: given motions in the step, zero elsewhere.
+    last_twist: what the motion is if nothing acts.
     """
 
     scene: Int[Tensor, " nodes"]
@@ -53,6 +54,7 @@ class Nodes(NamedTuple):
     centre: Float[Tensor, "nodes 2"]
     step: Float[Tensor, " nodes"]
     inertia: Float[Tensor, " nodes"]
+    force: Float[Tensor, " nodes"]
     twist: Float[Tensor, "3 nodes"]
     last_twist: Float[Tensor, "3 nodes"]
 
@@ -120,6 +122,16 @@ class Joints(NamedTuple):
     high: Float[Tensor, " joints"]
 
 
+class Drives(NamedTuple):
+    """What drives tools with a force limit, which may lag along their motion. axis: the motion's direction. length: how
+    far they are driven."""
+
+    node: Int[Tensor, " drives"]
+    axis: Float[Tensor, "2 drives"]
+    length: Float[Tensor, " drives"]
+    limit: Float[Tensor, " drives"]
+
+
 class ContactGraph(NamedTuple):
     """One flat graph of many scenes."""
 
@@ -128,6 +140,7 @@ class ContactGraph(NamedTuple):
     edges: Edges
     contacts: Contacts
     joints: Joints
+    drives: Drives
     pieces: Pieces
 
 
@@ -162,6 +175,7 @@ def contact_graph(state: State, control: Control, reach: Reachable | None = None
         edges=edges,
         contacts=_contacts(state, pairs, edges, nodes),
         joints=_joints(state, pairs, edges, nodes),
+        drives=_drives(control, nodes),
         # Pieces move from where they start.
         pieces=gather_pieces(scenes, reach.piece, state.poses),
     )
@@ -225,8 +239,13 @@ def _nodes(
     is_tool = piece == bodies
     body = scene * bodies + piece.clamp(max=bodies - 1)
     mass, gyration = (_rows(values, body) for values in (pieces.mass, pieces.gyration))
-    given = is_tool | _rows(pieces.immovable, body)
-    total = torch.zeros_like(reach.length).index_add(0, scene, torch.where(given, 0.0, mass))
+    limit = torch.as_tensor(control.force_limit, dtype=mass.dtype).to(mass).expand_as(reach.length)
+    limited = limit.isfinite() & (control.motion[:, :2] != 0).any(-1)
+    given = torch.where(is_tool, ~limited[scene], _rows(pieces.immovable, body))
+    is_free = ~(given | is_tool)
+    total = torch.zeros_like(reach.length).index_add(0, scene, torch.where(is_free, mass, 0.0))
+    could_push = limit / (GRAVITY * scenes.table_friction)
+    total = torch.where(limited, torch.maximum(total, could_push), total).clamp(min=1e-9).index_select(0, scene)
     step, time = (values.index_select(0, scene) for values in (reach.length, frames * FRAME))
     unit = step.new_tensor([1.0, 1.0, LEVER])[:, None] / step
     last = _rows(mean_motion(scenes, reach.piece, state.motions), body) * frames.index_select(0, scene)[:, None]
@@ -237,11 +256,12 @@ def _nodes(
         body=body,
         is_tool=is_tool,
         given=given,
-        mass=torch.where(given, 1.0, mass / total.index_select(0, scene).clamp(min=1e-9)),
-        gyration=torch.where(given, 1.0, gyration / LEVER**2),
+        mass=torch.where(is_free, mass / total, 1.0),
+        gyration=torch.where(is_free, gyration / LEVER**2, 1.0),
         centre=torch.where(is_tool[:, None], control.pose[scene, :2], _rows(pieces.centre, body)),
         step=step,
         inertia=step / (GRAVITY * friction * time.square()),
+        force=GRAVITY * friction * total,
         twist=torch.where(is_tool, motion, 0.0) * unit,
         last_twist=torch.where(is_tool, motion, torch.where(given, 0.0, last.t())) * unit,
     )
@@ -269,6 +289,14 @@ def _feet(middle: State, reach: Reachable, nodes: Nodes, slot: Tensor) -> Feet:
 def _rows_sum(nodes: Nodes, values: Tensor, node: Tensor) -> Tensor:
     """For each row the sum of the values of all rows of its node."""
     return torch.zeros_like(nodes.mass).index_add(0, node, values).index_select(0, node).clamp(min=1e-9)
+
+
+def _drives(control: Control, nodes: Nodes) -> Drives:
+    node = (nodes.is_tool & ~nodes.given).nonzero().squeeze(-1)
+    way = nodes.twist[:2, node]
+    length = way.norm(dim=0)
+    limit = torch.as_tensor(control.force_limit, dtype=length.dtype).to(length).expand(len(control.pose))
+    return Drives(node, way / length, length, limit[nodes.scene[node]] / nodes.force[node])
 
 
 def _edges(pairs: _Pairs, reach: Reachable, relations: int, first: Tensor, second: Tensor) -> Edges:

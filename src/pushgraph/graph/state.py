@@ -1,5 +1,6 @@
 """Where everything is in a frame, and what the robot does next."""
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -51,7 +52,7 @@ class Control(NamedTuple):
 
     pose: pose_world_from_tool at its start. motion: how it changes until its end. last_motion: how it changed in a
     frame of the step before. down: whether the tool is down on the table from start to end. frames: how long the step
-    is, in frames.
+    is, in frames. force_limit: of the tool along its motion (N).
     """
 
     pose: Float[Tensor, "batch 3"]
@@ -59,6 +60,7 @@ class Control(NamedTuple):
     last_motion: Float[Tensor, "batch 3"]
     down: Bool[Tensor, " batch"]
     frames: Float[Tensor, " batch"] | float = 1.0
+    force_limit: Float[Tensor, " batch"] | float = math.inf
 
     def double(self) -> "Control":
         """The same in float64."""
@@ -76,14 +78,17 @@ def controls(
     tool: Float[Tensor, "batch knots 3"],
     down: Bool[Tensor, "batch knots"],
     frames: Float[Tensor, "batch steps"] | None = None,
+    force_limit: Float[Tensor, "batch steps"] | None = None,
 ) -> list[Control]:
     """What the tool does in each step, given its poses where steps begin and end. frames: how long they are, one each
-    by default; a step of none is none."""
+    by default; a step of none is none. force_limit: none by default (N)."""
     frames = torch.ones_like(tool[:, 1:, 0]) if frames is None else frames.to(tool.dtype)
     stays_down = down[:, 1:] & down[:, :-1]
     motion = torch.where(stays_down[..., None], tool.diff(dim=1), 0.0)
     pace = motion / frames.clamp(min=1e-9)[..., None]
     last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
+    limits = [math.inf] * motion.shape[1] if force_limit is None else force_limit.unbind(1)
     return [
-        Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k]) for k in range(motion.shape[1])
+        Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k], limit)
+        for k, limit in enumerate(limits)
     ]

@@ -14,7 +14,8 @@ from pushgraph.graph import pair_evidence as features
 from pushgraph.graph.pair_evidence import FEATURES, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.watching import Frame
-from pushgraph.network.dynamics import CONTACT_STATE, Foresight
+from pushgraph.network.contact_problem import CONTACT_STATE
+from pushgraph.network.dynamics import Foresight
 
 LATENT_UNIT = 0.01
 """Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""

@@ -67,7 +67,7 @@ class ContactNetwork(nn.Module):
         fade = graph.edges.fade[contacts.points.edge]
         gap, friction, along, _ = (even * fade[:, None]).unbind(-1)
         first, second = (
-            torch.where(nodes.given[end], torch.inf, nodes.mass[end])
+            torch.where(nodes.given[end] | nodes.is_tool[end], torch.inf, nodes.mass[end])
             for end in (contacts.points.first, contacts.points.second)
         )
         weight = FORCE / (1 / first + 1 / second) * features.weight[:count]

@@ -8,6 +8,7 @@ mu_table g times the mass that may move in the scene. They balance where this en
          + sum_contacts 1/2 K min(0, gap + n . d)^2                    no penetration; d: how the two sides part
          + sum_contacts mu N sqrt((t . d)^2 + eps^2)                   friction there
          + sum_joints   1/2 K_j |drift + d|^2 and the like             hinges, sliders, limits
+         + sum_tools    F sqrt((a . d)^2 + eps^2) + 1/2 K_j |a x d|^2 and the like     limited drives; d: off the plan
          - sum_contacts f . d                                          what the network corrects
 
 N is K max(0, -gap - n . d) of the last u. It is held while E is minimized and then taken anew, so that there is no
@@ -21,7 +22,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pushgraph.graph.contact_graph import ContactGraph, Feet, Joints, Points, relative_motion
+from pushgraph.graph.contact_graph import ContactGraph, Drives, Feet, Joints, Points, relative_motion
 
 STIFFNESS = 100.0
 """K: a contact that carries the friction of all that moves is pressed in by a hundredth of the step."""
@@ -29,7 +30,11 @@ JOINT_STIFFNESS = 1e3
 """K_j."""
 SLIP = 0.01
 """eps: what slips by less than this, in steps, sticks, in part."""
-
+FARTHEST = 6.0
+"""No piece moves farther in a step than this, in lengths of the step: long levers do, at most."""
+CONTACT_STATE = ("gap", "parts", "slips", "presses")
+"""What is foreseen of a contact: its gap at the start and how much it opens (steps), how far the sender slips to the
+left, all three clamped, and log(1 + force), in weights of what may move."""
 
 CONSTANTS = {"stiffness": STIFFNESS, "joint_stiffness": JOINT_STIFFNESS, "slip": SLIP}
 """What predictions depend on."""
@@ -75,6 +80,7 @@ class ContactProblem(NamedTuple):
     joints: Joints
     hinge: Float[Tensor, " joints"]
     slider: Float[Tensor, " joints"]
+    drives: Drives
 
     @classmethod
     def of(cls, graph: ContactGraph, correction: Correction | None = None) -> "ContactProblem":
@@ -84,7 +90,7 @@ class ContactProblem(NamedTuple):
         if correction is not None:
             gap, friction, force = gap + correction.gap, friction * correction.friction, correction.force
             feet = feet._replace(weight=feet.weight * correction.table_friction.index_select(0, feet.node))
-        mass = nodes.mass * nodes.inertia
+        mass = torch.where(nodes.is_tool, 0.0, nodes.mass * nodes.inertia)
         hinge = joints.revolute.to(mass.dtype)
         return cls(
             scene=nodes.scene,
@@ -101,6 +107,7 @@ class ContactProblem(NamedTuple):
             joints=joints,
             hinge=hinge,
             slider=1 - hinge,
+            drives=graph.drives,
         )
 
     @property
@@ -135,12 +142,19 @@ class ContactProblem(NamedTuple):
             joints=Joints(self.joints.points, *(values.index_select(-1, joints) for values in of_joints)),
             hinge=self.hinge[joints],
             slider=self.slider[joints],
+            drives=self._part_of_drives(place),
         )
         return part, contacts
+
+    def _part_of_drives(self, place: Int[Tensor, " nodes"]) -> Drives:
+        kept = (place.index_select(0, self.drives.node) >= 0).nonzero().squeeze(-1)
+        node, *rest = self.drives
+        return Drives(place[node[kept]], *(values.index_select(-1, kept) for values in rest))
 
     def differentiable(self, twist: Tensor) -> bool:
         """Whether anything of it wants a gradient."""
         values = (twist, self.gap, self.force, self.normal, self.feet.weight, self.feet.arm, self.last)
+        values = (*values, self.drives.length, self.drives.limit)
         return any(one.requires_grad for one in values)
 
     def linearize(self, twist: Float[Tensor, "3 nodes"], slip: float, secant: float) -> "Moment":
@@ -174,6 +188,10 @@ class Moment:
         along = x[count:] * joints.axis[0] + y[count:] * joints.axis[1]
         self.used = problem.slider * along + problem.hinge * turn[count:]
         self.across = self.drift_y * joints.axis[0] - self.drift_x * joints.axis[1]
+        drives = problem.drives
+        x, y, self.off_turn = (twist - problem.last).index_select(1, drives.node)
+        self.lag = x * drives.axis[0] + y * drives.axis[1]
+        self.off_way = y * drives.axis[0] - x * drives.axis[1]
 
     def hold(self, pressing: Float[Tensor, " contacts"]) -> None:
         """Hold friction to other normal forces than those of the twist."""
@@ -209,6 +227,8 @@ class Moment:
         own[0] += problem.inertia[0]
         own[2] += problem.inertia[1]
         own[5] += problem.inertia[2]
+        if len(problem.drives.node):
+            self._add_drives(own, gradient)
 
         # Contacts: force and stiffness at the point, on the relative motion, world axes.
         hold = problem.stiffness * (self.depth > 0)
@@ -247,6 +267,21 @@ class Moment:
         between = -torch.stack((k_xx, k_xy, xt_2, k_xy, k_yy, yt_2, xt_1, yt_1, tt))
         return Linearized(sums[6:], sums[:6], between)
 
+    def _add_drives(self, own: Float[Tensor, "6 nodes"], gradient: Float[Tensor, "3 nodes"]) -> None:
+        """Add force and stiffness of what drives tools with a limit."""
+        drives = self.problem.drives
+        a_x, a_y = drives.axis
+        length = (self.lag.square() + self.slip**2).rsqrt()
+        along = drives.limit * length * self.lag
+        stick = drives.limit * length * (1 - self.secant * (self.lag * length).square())
+        across, turn = JOINT_STIFFNESS * self.off_way, JOINT_STIFFNESS * self.off_turn
+        stiff = torch.full_like(stick, JOINT_STIFFNESS)
+        none = torch.zeros_like(stick)
+        k_xx, k_yy = stick * a_x * a_x + stiff * a_y * a_y, stick * a_y * a_y + stiff * a_x * a_x
+        own.index_add_(1, drives.node, torch.stack((k_xx, (stick - stiff) * a_x * a_y, k_yy, none, none, stiff)))
+        forces = torch.stack((along * a_x - across * a_y, along * a_y + across * a_x, turn))
+        gradient.index_add_(1, drives.node, forces)
+
     def slope(self, direction: Float[Tensor, "3 nodes"]) -> "Slope":
         """The slope of the energy along a direction."""
         return Slope(self, direction)
@@ -278,6 +313,12 @@ class Slope:
             moment.across * crossing + moment.turn * turn
         )
         self.joint_more = hinge * (x * x + y * y) + slider * (crossing * crossing + turn * turn)
+        drives = problem.drives
+        x, y, turn = direction.index_select(1, drives.node)
+        self.lagging = x * drives.axis[0] + y * drives.axis[1]
+        off_way = y * drives.axis[0] - x * drives.axis[1]
+        self.drive_now = JOINT_STIFFNESS * (moment.off_way * off_way + moment.off_turn * turn)
+        self.drive_more = JOINT_STIFFNESS * (off_way * off_way + turn * turn)
 
     def at(
         self, length: Float[Tensor, " scenes"], of_foot: Tensor, of_node: Tensor, of_point: Tensor
@@ -291,6 +332,12 @@ class Slope:
         feet = problem.feet.weight * (self.foot_first + foot * self.foot_second) * grown.rsqrt()
         total.index_add_(0, of_foot, feet)
         total.index_add_(0, of_node, self.inertia_now + node * self.inertia_more)
+        if len(problem.drives.node):
+            of_drive = of_node.index_select(0, problem.drives.node)
+            drive = length.index_select(0, of_drive)
+            lag = moment.lag + drive * self.lagging
+            pull = problem.drives.limit * lag * (lag.square() + moment.slip**2).rsqrt() * self.lagging
+            total.index_add_(0, of_drive, pull + self.drive_now + drive * self.drive_more)
         contact = point[:count]
         slip = moment.tangential + contact * self.slipping
         pressing = problem.stiffness * (moment.depth - contact * self.parting).clamp(min=0)

@@ -1,8 +1,10 @@
 """The two predictors behind one interface: state and control of a frame to the motion of every body in it."""
 
+import math
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
@@ -17,25 +19,39 @@ from pushgraph.graph.contact_graph import ContactGraph, contact_graph
 from pushgraph.graph.pieces import mean_motion, move_pieces
 from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN, PropnetGraph, propnet_graph
 from pushgraph.graph.state import Control, State
+from pushgraph.graph.steps import LONGEST
 from pushgraph.network import contact_problem
 from pushgraph.network.contact_network import ContactNetwork
-from pushgraph.network.contact_problem import SLIP, ContactProblem
+from pushgraph.network.contact_problem import FARTHEST, SLIP, ContactProblem
 from pushgraph.network.newton import solve
 from pushgraph.network.propagation import PropagationNetwork
+
+if TYPE_CHECKING:
+    from pushgraph.network.compiled.step import Solved
 
 LEAST_UNIT = 3e-3
 """Errors in steps smaller than this (m) count as if they were as large: there contacts give way in simulation."""
 
-FARTHEST = 6.0
-"""No piece moves farther in a step than this, in lengths of the step: long levers do, at most."""
-
 
 @runtime_checkable
 class Dynamics(Protocol):
-    """What a rollout needs."""
+    """What a rollout needs. LONGEST_STEP: how far the tool moves in a step at most (m), by default."""
 
-    def __call__(self, state: State, control: Control) -> Float[Tensor, "batch bodies 3"]:
-        """How each body's pose changes until the next frame: x, y (m), yaw (rad), world axes."""
+    LONGEST_STEP: float
+
+    def __call__(self, state: State, control: Control) -> "Advance":
+        """What a step does."""
+
+
+class Advance(NamedTuple):
+    """What a step does.
+
+    motion: how each body's pose changes: x, y (m), yaw (rad), world axes. done: share of its motion that the tool
+    makes, all of it where no force limit holds it back.
+    """
+
+    motion: Float[Tensor, "batch bodies 3"]
+    done: Float[Tensor, " batch"]
 
 
 class Foresight(NamedTuple):
@@ -56,6 +72,7 @@ class ContactDynamics(nn.Module):
     Only what may move moves, and what is one piece stays one.
     """
 
+    LONGEST_STEP = LONGEST
     FRAMES_PER_STEP = (1, 2, 1, 4)
     """What steps cover in training, one after the other."""
     CHAOS = 1.0
@@ -76,18 +93,30 @@ class ContactDynamics(nn.Module):
         """Training counts errors in this unit (m): the length of the step."""
         return step.clamp(min=LEAST_UNIT)
 
-    def forward(self, state: State, control: Control) -> Float[Tensor, "batch bodies 3"]:
+    def forward(self, state: State, control: Control) -> Advance:
         """See Dynamics."""
-        return self._motion(state, *self._solved(state, control))
+        if self._can_be_compiled(state, control):
+            solved = _compiled(state, control)
+            motion = torch.from_numpy(solved.motion).to(state.poses.dtype)
+            return Advance(motion, torch.from_numpy(solved.done).to(state.poses.dtype))
+        graph, twist = self._solved(state, control)
+        return Advance(self._motion(state, graph, twist), _done(state, graph, twist))
 
     def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
         """Predict, with the state of every contact. reach: what may move in this step, if it is known already."""
+        if self._can_be_compiled(state, control):
+            return _foreseen(state, _compiled(state, control, contact_state=True))
         graph, twist = self._solved(state, control, reach)
         relation = graph.edges.relation[graph.contacts.points.edge]
         relation = torch.cat((2 * relation, 2 * relation + 1))
         relation = relation.masked_fill(graph.edges.is_tool[graph.contacts.points.edge].repeat(2), -1)
         latents = contact_state(graph, twist)
         return _foresight(self._motion(state, graph, twist), state.relations.kind, relation, latents)
+
+    def _can_be_compiled(self, state: State, control: Control) -> bool:
+        """Whether nothing but the motion is asked for, of what is solved as it is, on a processor."""
+        gradient = torch.is_grad_enabled() and (state.poses.requires_grad or control.motion.requires_grad)
+        return self.network.is_silent and state.poses.device.type == "cpu" and not gradient
 
     def _solved(
         self, state: State, control: Control, reach: Reachable | None = None
@@ -101,7 +130,7 @@ class ContactDynamics(nn.Module):
         nodes = graph.nodes
         motion = twist.clamp(-FARTHEST, FARTHEST) * nodes.step / twist.new_tensor([1.0, 1.0, LEVER])[:, None]
         batch, bodies = state.poses.shape[:2]
-        free = (~nodes.given).nonzero().squeeze(-1)
+        free = (~(nodes.given | nodes.is_tool)).nonzero().squeeze(-1)
         by_piece = torch.zeros_like(state.poses).flatten(0, 1)
         by_piece = by_piece.index_copy(0, nodes.body[free], motion.t()[free].to(state.poses.dtype))
         return move_pieces(graph.pieces, state.poses, by_piece.view(batch, bodies, 3))
@@ -110,6 +139,7 @@ class ContactDynamics(nn.Module):
 class PropnetDynamics(nn.Module):
     """The paper's: velocities of every body in its own frame; rigid groups then move with their members' mean."""
 
+    LONGEST_STEP = math.inf
     FRAMES_PER_STEP = (1,)
     CHAOS = 10.0
 
@@ -127,10 +157,10 @@ class PropnetDynamics(nn.Module):
         """Training counts errors in this unit (m): that of velocities in the features, as in the paper."""
         return torch.full_like(step, DISPLACEMENT)
 
-    def forward(self, state: State, control: Control) -> Float[Tensor, "batch bodies 3"]:
-        """See Dynamics."""
+    def forward(self, state: State, control: Control) -> Advance:
+        """See Dynamics; it knows no force limits."""
         graph = propnet_graph(state, control)
-        return self._motion(state, graph, self.network(graph).motion)
+        return Advance(self._motion(state, graph, self.network(graph).motion), torch.ones_like(state.poses[:, 0, 0]))
 
     def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
         """Predict, and tell what was in mind; what the tool can reach does not matter here."""
@@ -150,9 +180,27 @@ class PropnetDynamics(nn.Module):
         return move_pieces(graph.pieces, state.poses, mean_motion(state.scenes, graph.pieces.index, motion))
 
 
-CONTACT_STATE = ("gap", "parts", "slips", "presses")
-"""What is foreseen of a contact: its gap at the start and how much it opens (steps), how far the sender slips to the
-left, all three clamped, and log(1 + force), in weights of what may move."""
+def _compiled(state: State, control: Control, contact_state: bool = False) -> "Solved":
+    # Compiled code takes half a second to import.
+    from pushgraph.network.compiled.step import solve_step
+
+    return solve_step(state, control, contact_state)
+
+
+def _foreseen(state: State, solved: "Solved") -> Foresight:
+    mean = solved.contact_state / np.maximum(solved.contacts, 1)[..., None]
+    latents = torch.from_numpy(mean).float()[:, :, None].expand(-1, -1, 2, -1)
+    motion = torch.from_numpy(solved.motion).to(state.poses.dtype)
+    return Foresight(motion, latents, torch.from_numpy(solved.contacts > 0))
+
+
+def _done(state: State, graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) -> Float[Tensor, " batch"]:
+    """Shares of their motions that tools make."""
+    drives, nodes = graph.drives, graph.nodes
+    x, y, _ = (twist - nodes.last_twist).index_select(1, drives.node)
+    lag = x * drives.axis[0] + y * drives.axis[1]
+    done = torch.ones_like(state.poses[:, 0, 0])
+    return done.index_copy(0, nodes.scene[drives.node], (1 + lag / drives.length).clamp(0, 1).to(done.dtype))
 
 
 def contact_state(graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) -> Float[Tensor, "directed state"]:

@@ -8,20 +8,22 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph.graph.contact_graph import ContactGraph
 from pushgraph.network.contact_problem import SLIP, ContactProblem, Correction, Linearized, Moment
 
-ITERATIONS = 30
+ITERATIONS = 60
 LOOSE, TIGHTENING = 0.3, 0.5
 """eps of the first iteration, and by what it is multiplied in each."""
 SECANT = 0.9
 """Share of the curvature that friction loses along the slip: all of it (Newton) fails far from the solution, none of it
 (reweighted least squares) is slow."""
-CONVERGED = 1e-3
+CONVERGED = 1e-4
 """A scene whose twists change by less than this, in steps, is solved."""
+BALANCED = 1e-3
+"""And friction must be held to normal forces that are off by less than this, in weights of what may move."""
 OUTRIGHT, SHARES = 6, (0.1, 8.0)
 """For so many iterations friction follows the normal forces outright; then it follows a share between these."""
 BRACKETINGS, INSIDE, TINY = 3, (0.1, 0.9), 1e-12
@@ -79,11 +81,10 @@ def _solved(problem: ContactProblem, twist: Tensor, held: Held | None, iteration
     layout = Layout(problem)
     while iteration < ITERATIONS:
         slip = max(LOOSE * TIGHTENING**iteration, SLIP)
-        twist, held, change = _iterate(problem, layout, twist, held, iteration, slip)
+        twist, held, moves = _iterate(problem, layout, twist, held, iteration, slip)
         iteration += 1
         if slip > SLIP:
             continue
-        moves = change >= CONVERGED
         left = int(moves.sum())
         if left == 0:
             break
@@ -112,8 +113,8 @@ def _differentiable(problem: ContactProblem, twist: Tensor) -> Tensor:
 
 def _iterate(
     problem: ContactProblem, layout: "Layout", twist: Tensor, held: Held | None, iteration: int, slip: float
-) -> tuple[Float[Tensor, "3 nodes"], Held, Float[Tensor, " scenes"]]:
-    """One iteration: the twists, what friction was held to, and how far it went in each scene."""
+) -> tuple[Float[Tensor, "3 nodes"], Held, Bool[Tensor, " scenes"]]:
+    """One iteration: the twists, what friction was held to, and which scenes are not solved yet."""
     moment = problem.linearize(twist, slip, SECANT)
     pressing = moment.pressing
     if held is None:
@@ -130,7 +131,8 @@ def _iterate(
     length = _where_flat(lambda at: slope.at(at, *of), falling)
     step = direction * length.index_select(0, layout.row)
     change = torch.zeros_like(length).scatter_reduce(0, layout.row, step.abs().amax(0), "amax")
-    return twist + step, held, change[:-1]
+    off = torch.zeros_like(length).scatter_reduce(0, layout.point_row[: len(held.off)], held.off.abs(), "amax")
+    return twist + step, held, ((change >= CONVERGED) | (off >= BALANCED))[:-1]
 
 
 def _where_flat(

@@ -66,11 +66,18 @@ class _Trapezoid:
         return np.where(since < self.ramp, rising, np.where(left < self.ramp, falling, steady))
 
 
-def plan_tool(pushes: Sequence[Push], tool: Tool) -> tuple[Float[np.ndarray, "frames 3"], Int[np.ndarray, " frames"]]:
-    """pose_world_from_tool in every frame of a track of these pushes, and which push is under way, LIFTED between."""
+def plan_tool(
+    pushes: Sequence[Push], tool: Tool, frames: int | None = None
+) -> tuple[Float[np.ndarray, "frames 3"], Int[np.ndarray, " frames"]]:
+    """pose_world_from_tool in every frame of a track of these pushes, and which push is under way, LIFTED between.
+
+    frames: of the first so many only.
+    """
     poses: list[np.ndarray] = []
     under_way: list[int] = []
     for index, push in enumerate(pushes):
+        if frames is not None and len(poses) >= frames:
+            break
         motion = ToolMotion(push, tool)
         if index:
             poses += [poses[-1], motion.pose(0.0)]
@@ -79,4 +86,4 @@ def plan_tool(pushes: Sequence[Push], tool: Tool) -> tuple[Float[np.ndarray, "fr
         under_way += [index] * (motion.frames + 1)
     if not pushes:
         return np.zeros((1, 3)), np.array([LIFTED])
-    return np.array(poses), np.array(under_way)
+    return np.array(poses)[:frames], np.array(under_way)[:frames]

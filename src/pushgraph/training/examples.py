@@ -20,9 +20,10 @@ from pushgraph.graph.scene_batch import (
     remember,
 )
 from pushgraph.graph.state import ADJACENT, Control, State, controls
-from pushgraph.graph.steps import LONGEST
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 
+FARTHEST = 0.025
+"""Windows in which the tool moves farther than this in a step (m) do not count."""
 WITHHELD = 0.15
 """Share of scenes in which one kind of knowledge (joints, masses, frictions, yaws) is withheld, each by itself."""
 
@@ -72,7 +73,7 @@ class ExampleMaker:
         steps = controls(at_knots, torch.ones_like(at_knots[..., 0], dtype=torch.bool), lasting)[1:]
         motion = tool[:, knots].diff(dim=1)
         travel = motion[..., :2].norm(dim=-1) + motion[..., 2].abs() * scenes.tool_radius[:, None]
-        return Example(state, steps, bodies[:, knots], travel.amax(1) <= LONGEST)
+        return Example(state, steps, bodies[:, knots], travel.amax(1) <= FARTHEST)
 
 
 def mirror(poses: Float[Tensor, "batch *nodes 3"], sign: Float[Tensor, " batch"]) -> Float[Tensor, "batch *nodes 3"]:

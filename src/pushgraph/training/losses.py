@@ -25,7 +25,7 @@ def unrolled_loss(dynamics: nn.Module, example: Example) -> Float[Tensor, ""]:
     total = poses.new_zeros(())
     weight = state.scenes.present * example.counts[:, None]
     for frame, control in enumerate(example.controls, start=1):
-        poses = poses + dynamics(state, control)
+        poses = poses + dynamics(state, control).motion
         error = (poses - example.poses[:, frame]) * poses.new_tensor([1.0, 1.0, LEVER])
         error = error / unit[:, None, None]
         distance = (error.square().sum(-1) + SMOOTH**2).sqrt() - SMOOTH

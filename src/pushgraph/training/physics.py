@@ -94,7 +94,7 @@ class PhysicsTask:
         """Sums over trajectories of `numbers` after a rollout of 50 frames, and their count."""
         true = self._validation_poses
         state = start(self._validation_scenes, true[:, 0, 1:])
-        predicted = rollout(network, state, true[:, :, 0], self._validation_down)[:, :-1]
+        predicted = rollout(network, state, true[:, :, 0], self._validation_down).poses[:, :-1]
         true = true[:, :-1, 1:]
         error = (predicted - true)[..., :2].norm(dim=-1) * 100
         displacement = (true[:, -1] - true[:, 0])[..., :2].norm(dim=-1)

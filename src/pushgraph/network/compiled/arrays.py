@@ -1,0 +1,165 @@
+"""What the compiled solve reads, the tensors of states and controls as arrays, and the records that it works with."""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pushgraph.graph.broad_phase import node_shapes
+from pushgraph.graph.state import Control, State
+
+
+class Scenes(NamedTuple):
+    """Fields of State, SceneBatch, Relations and Control, the scenes first; see there for shapes and units.
+
+    half_extents, radius: of bodies, then of the tool's parts.
+    """
+
+    poses: np.ndarray
+    motions: np.ndarray
+    still: float
+    present: np.ndarray
+    immovable: np.ndarray
+    group: np.ndarray
+    mass: np.ndarray
+    centre_of_mass: np.ndarray
+    gyration: np.ndarray
+    half_extents: np.ndarray
+    radius: np.ndarray
+    feet_points: np.ndarray
+    feet_shares: np.ndarray
+    feet_radii: np.ndarray
+    table_friction: np.ndarray
+    side_friction: np.ndarray
+    part_present: np.ndarray
+    pose_tool_from_part: np.ndarray
+    tool_radius: np.ndarray
+    kind: np.ndarray
+    known: np.ndarray
+    remembered: np.ndarray
+    anchor_a: np.ndarray
+    anchor_b: np.ndarray
+    yaw_offset: np.ndarray
+    axis: np.ndarray
+    limits: np.ndarray
+    tool_pose: np.ndarray
+    tool_motion: np.ndarray
+    tool_down: np.ndarray
+    frames: np.ndarray
+    force_limit: np.ndarray
+
+
+def arrays_of(state: State, control: Control) -> Scenes:
+    """The arrays of a state and of what the tool does next."""
+    scenes = state.scenes
+    frames, limit = (
+        torch.as_tensor(values, dtype=torch.float64).expand(len(state.poses))
+        for values in (control.frames, control.force_limit)
+    )
+    of_scenes = (scenes.present, scenes.immovable, scenes.group, scenes.mass, scenes.centre_of_mass, scenes.gyration)
+    of_tables = (scenes.table_friction, scenes.side_friction)
+    of_tools = (scenes.part_present, scenes.pose_tool_from_part, scenes.tool_radius)
+    shapes = node_shapes(scenes)
+    return Scenes(
+        _array(state.poses),
+        _array(state.motions),
+        float(state.still),
+        *(_array(values) for values in (*of_scenes, *shapes, *scenes.feet, *of_tables, *of_tools)),
+        *(_array(values) for values in state.relations),
+        *(_array(values) for values in (control.pose, control.motion, control.down, frames, limit)),
+    )
+
+
+def _array(values: Tensor) -> np.ndarray:
+    values = values.detach()
+    if values.is_floating_point():
+        values = values.double()
+    return np.ascontiguousarray(values.numpy())
+
+
+BODY = np.dtype(
+    [(name, np.int64) for name in ("present", "immovable", "slides", "group", "piece")]
+    + [(name, np.float64) for name in ("half_x", "half_y", "radius", "circle", "mass", "com_x", "com_y", "gyration")]
+    + [(name, np.float64) for name in ("start_x", "start_y", "start_yaw", "x", "y", "yaw")]
+    + [(name, np.float64) for name in ("motion_x", "motion_y", "motion_yaw")]
+)
+"""A body, or a part of the tool. slides: whether it moves already. piece: its node, -1 if it has none. circle: radius
+of the one around it. x, y, yaw: in the middle of the step."""
+NODE = np.dtype(
+    [(name, np.int64) for name in ("begin", "end", "row", "given", "is_tool")]
+    + [(name, np.float64) for name in ("mass", "gyration", "x", "y", "start_x", "start_y")]
+    + [(name, np.float64) for name in ("last_x", "last_y", "last_turn", "inertia")]
+)
+"""See `contact_graph.Nodes`. begin, end: where its members, bodies or parts of the tool, stand in `Graph.member`.
+row: where its unknowns begin, -1 where its motion is given. x, y: its centre in the middle of the step."""
+FOOT = np.dtype([("node", np.int64)] + [(name, np.float64) for name in ("arm_x", "arm_y", "weight", "radius")])
+"""See `contact_graph.Feet`."""
+EDGE = np.dtype(
+    [(name, np.int64) for name in ("first_body", "second_body", "first", "second", "relation", "at_start")]
+    + [(name, np.float64) for name in ("fade", "normal_x", "normal_y")]
+    + [(name, np.float64) for name in ("gap", "on_a_x", "on_a_y", "on_b_x", "on_b_y")]
+    + [(name, np.float64) for name in ("gap_2", "on_a_x_2", "on_a_y_2", "on_b_x_2", "on_b_y_2")]
+)
+"""See `contact_graph.Edges`; and the contact of its two shapes in the frame of the first (m), see `PairContact`.
+first_body, second_body: bodies, then the tool's parts. relation: -1 for the tool's."""
+_POINT = [(name, np.int64) for name in ("edge", "first", "second")]
+_POINT += [(name, np.float64) for name in ("arm_1x", "arm_1y", "arm_2x", "arm_2y")]
+CONTACT = np.dtype(
+    _POINT + [(name, np.float64) for name in ("normal_x", "normal_y", "gap", "friction", "share", "stiffness")]
+    + [(name, np.float64) for name in ("depth", "slip", "grip", "held", "off", "following")]
+    + [(name, np.float64) for name in ("parting", "slipping")]
+)
+"""See `contact_graph.Points` and `Contacts`; stiffness to grip, parting and slipping as in `contact_problem.Moment` and
+`Slope`, held to following as in `newton.Held`."""
+JOINT = np.dtype(
+    _POINT + [("revolute", np.int64)]
+    + [(name, np.float64) for name in ("drift_x", "drift_y", "turn", "axis_x", "axis_y", "low", "high")]
+)
+"""See `contact_graph.Joints`."""
+
+
+class Graph(NamedTuple):
+    """Room for the graph of one scene, used for one after the other.
+
+    bodies: those of the scene, then the tool's parts. member: see NODE.
+    """
+
+    bodies: np.ndarray
+    nodes: np.ndarray
+    member: np.ndarray
+    feet: np.ndarray
+    edges: np.ndarray
+    contacts: np.ndarray
+    joints: np.ndarray
+
+
+class Counts(NamedTuple):
+    """How many of each there are in a graph. length: of the step (m). See `contact_graph.Drives` for the rest: drive is
+    zero where the tool has no limit."""
+
+    nodes: int
+    feet: int
+    edges: int
+    contacts: int
+    joints: int
+    length: float
+    drive: float
+    axis_x: float
+    axis_y: float
+    limit: float
+
+
+def room_for(scenes: Scenes) -> Graph:
+    """Room for the graph of any of the scenes."""
+    bodies, nodes = scenes.poses.shape[1], scenes.radius.shape[1]
+    edges = bodies * (bodies - 1) // 2 + bodies * (nodes - bodies)
+    return Graph(
+        np.zeros(nodes, BODY),
+        np.empty(bodies + 1, NODE),
+        np.empty(nodes, np.int64),
+        np.empty(bodies * scenes.feet_shares.shape[2], FOOT),
+        np.empty(edges, EDGE),
+        np.empty(2 * edges, CONTACT),
+        np.empty(edges, JOINT),
+    )
