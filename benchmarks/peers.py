@@ -1,11 +1,12 @@
 """Prediction beside what a user would write instead: Box2D and pymunk scenes, and MuJoCo, the reference itself.
 
 .venv/bin/python -m pip install --constraint constraints.txt '.[peers]'
-.venv/bin/python benchmarks/peers.py --scenes 100 --out peers
+.venv/bin/python benchmarks/peers.py --scenes 256 --out peers
+.venv/bin/python benchmarks/peers.py --scenes 64 --objects 200 --out peers-200
 
 Both engines get the best friction that they can be given: a body stands on the feet that the simulator has, each a
 friction joint with the world that resists no torque; they stand a little farther out, so that a spin on the spot meets
-the torque of uniform pressure. One core, one run.
+the torque of uniform pressure. One core, one run: 50 frames of the first push, scenes laid out before or in the time.
 """
 
 import json
@@ -25,15 +26,17 @@ from rich.progress import track as progress
 from rich.table import Table
 
 from pushgraph import pose
-from pushgraph.evaluation.metrics import RolloutError
+from pushgraph.evaluation.metrics import MOVED
 from pushgraph.patch import mass_properties, patch_of
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.shape import Cylinder
+from pushgraph.simulation import planar
 from pushgraph.simulation.feet import feet_of
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.simulation.setups import draw_trajectory
+from pushgraph.tool import Push
 from pushgraph.track import FRAME, Track
 
 GRAVITY = 9.81
@@ -274,91 +277,170 @@ class PymunkScene(PeerScene):
 
 
 class MujocoScene:
-    """The reference itself, for its speed."""
+    """The reference itself. step: of time (s), its own by default."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene, self.simulation = scene, PlanarSimulation(scene)
+    def __init__(self, scene: Scene, step: float | None = None) -> None:
+        self.scene, self.step, self.simulation = scene, step, PlanarSimulation(scene)
 
     def run(self, frames: int) -> np.ndarray:
-        self.simulation.push(self.scene.pushes[0])
+        own = planar.TIMESTEP, planar.TRAVEL
+        if self.step is not None:
+            planar.TIMESTEP, planar.TRAVEL = self.step, math.inf
+        motion = ToolMotion(self.scene.pushes[0], self.scene.tool)
+        path = motion.poses(np.arange(frames + 1) * FRAME)
+        times = tuple((np.arange(1, frames + 1) * FRAME).tolist())
+        try:
+            push = self.scene.pushes[0]
+            way = tuple(map(tuple, path[1:].tolist()))
+            self.simulation.push(Push(start=push.start, yaw=push.yaw, path=way, times=times, rest=0.0))
+        finally:
+            planar.TIMESTEP, planar.TRAVEL = own
         return self.simulation.track().poses[: frames + 1, 1:]
 
 
-PEERS: dict[str, Callable[[Scene], PeerScene]] = {
+PEERS: dict[str, Callable[[Scene], PeerScene | MujocoScene]] = {
     "Box2D, 10 ms, 10 iterations": lambda scene: Box2DScene(scene, 0.01, 10),
     "Box2D, 5 ms, 20 iterations": lambda scene: Box2DScene(scene, 0.005, 20),
     "pymunk, 10 ms, 10 iterations": lambda scene: PymunkScene(scene, 0.01, 10),
     "pymunk, 5 ms, 30 iterations": lambda scene: PymunkScene(scene, 0.005, 30),
+    "MuJoCo, 10 ms": lambda scene: MujocoScene(scene, 0.01),
+    "MuJoCo, 2.5 ms": MujocoScene,
 }
-STEPS = {"pushgraph": 1, "pushgraph, steps of 2 frames": 2, "pushgraph, steps of 4 frames": 4}
+STEPS = {
+    "pushgraph": {},
+    "pushgraph, steps of 2.5 mm": {"longest_step": 0.0025},
+    "pushgraph, steps of a frame": {"longest_step": 0.025},
+    "pushgraph, of up to 4 frames": {"frames_per_step": 4, "longest_step": 0.025},
+}
+GROUPS = {"loose": (1, 1), "two joined": (2, 2), "three to seven joined": (3, 7), "more joined": (8, 99)}
+"""Errors are shown by how many bodies are joined, too."""
+SHOWN = (30, 50)
+"""Frames after which errors are shown."""
+SPACING = 2.0
+"""Copies of scenes stand so far apart (m) where there shall be more objects at equal density."""
+
+
+def among_others(scene: Scene, others: Sequence[Scene], objects: int) -> Scene:
+    """The scene with the bodies of others beside it, as many as are asked for."""
+    bodies, joints, groups = list(scene.bodies), list(scene.joints), list(scene.rigid_groups)
+    side = math.ceil(math.sqrt(objects / len(scene.bodies)))
+    for number, other in enumerate(others, start=1):
+        if len(bodies) >= objects:
+            break
+        place = np.array([number % side * SPACING, number // side * SPACING, 0.0])
+        names = {name: f"{name}-{number}" for name in other.names}
+        moved = other.replace(table=other.table.replace(size=(20.0, 20.0))).moved(place)
+        taken = [body for body in moved.bodies[: objects - len(bodies)]]
+        kept = {body.name for body in taken}
+        bodies += [body.replace(name=names[body.name]) for body in taken]
+        joints += [
+            joint.replace(parent=names[joint.parent], child=names[joint.child])
+            for joint in moved.joints
+            if {joint.parent, joint.child} <= kept
+        ]
+        groups += [tuple(names[name] for name in group) for group in moved.rigid_groups if set(group) <= kept]
+    table = scene.table.replace(size=(20.0, 20.0))
+    return scene.replace(bodies=tuple(bodies), joints=tuple(joints), rigid_groups=tuple(groups), table=table)
+
+
+def errors_after(
+    frames: int, poses: np.ndarray, tracks: Sequence[Track], joined: tuple[int, int] = (1, 99)
+) -> tuple[float, float]:
+    """Mean and median final error (cm) of bodies that moved, in groups of these sizes; poses[scene, frame, body]."""
+    found = []
+    for one, track in zip(poses, tracks, strict=True):
+        true = track.poses[: frames + 1, 1:]
+        if (track.push[: frames + 1] != 0).any() or len(true) <= frames:
+            continue
+        moved = np.linalg.norm(true[-1, :, :2] - true[0, :, :2], axis=-1) > MOVED
+        sizes = joined_sizes(track.scene)
+        moved &= (joined[0] <= sizes) & (sizes <= joined[1])
+        error = np.linalg.norm(one[frames, : true.shape[1], :2] - true[-1, :, :2], axis=-1)
+        found.append(error[moved])
+    errors = 100 * np.concatenate(found)
+    return (float(errors.mean()), float(np.median(errors))) if len(errors) else (math.nan, math.nan)
+
+
+def joined_sizes(scene: Scene) -> np.ndarray:
+    """How many bodies each body is joined with, itself and chains of joints included."""
+    index = {name: k for k, name in enumerate(scene.names)}
+    label = np.arange(len(index))
+    for joint in scene.joints:
+        a, b = label[index[joint.parent]], label[index[joint.child]]
+        label[label == max(a, b)] = min(a, b)
+    return np.bincount(label, minlength=len(label))[label]
 
 
 def main(
-    scenes: Annotated[int, typer.Option(help="Test scenes.")] = 100,
-    objects: Annotated[int, typer.Option()] = 9,
-    frames: Annotated[int, typer.Option(help="Frames of the first push that are predicted.")] = 30,
+    scenes: Annotated[int, typer.Option(help="Test scenes.")] = 256,
+    objects: Annotated[int, typer.Option(help="At equal density: the scene of nine, and others beside it.")] = 9,
     seed: Annotated[int, typer.Option(help="Of the scenes.")] = 1_000_000,
+    largest_batch: Annotated[int, typer.Option(help="Of 1, 16, 256, 4096: scenes over again, if need be.")] = 256,
     out: Annotated[Path, typer.Option(help="Folder for the figures, JSON.")] = Path("peers"),
 ) -> None:
     torch.set_num_threads(1)
-    tracks = [draw_trajectory("multiple-parts", objects, seed, k).track for k in progress(range(scenes))]
-    tracks = [track for track in tracks if int((track.push == 0).sum()) > frames]
+    frames = max(SHOWN)
+    tracks = [draw_trajectory("multiple-parts", 9, seed, k).track for k in progress(range(scenes))]
+    tracks = [track for track in tracks if int((track.push == 0).sum()) > min(SHOWN)]
     firsts = [track.scene.replace(pushes=track.scene.pushes[:1]) for track in tracks]
-    count = len(tracks) * (frames - 1)
-    rows = {}
+    if objects > 9:
+        firsts = [among_others(scene, firsts[k + 1 :] + firsts[:k], objects) for k, scene in enumerate(firsts)]
+    rows: dict[str, dict[str, float]] = {}
 
-    def note(name: str, predicted: Sequence[Track], seconds: float, done: int) -> None:
-        pairs = zip(predicted, tracks, strict=True)
-        errors = [RolloutError(one, true, frames) for one, true in pairs]
-        moved = 100 * np.concatenate([error.final[error.moved] for error in errors])
-        rows[name] = {
-            "mean_cm": float(moved.mean()),
-            "median_cm": float(np.median(moved)),
-            "scene_frames_per_second": done / seconds,
-        }
+    def note(name: str, poses: np.ndarray, seconds: float, laid_out: float) -> None:
+        rows[name] = {"scene_frames_per_second": len(tracks) * frames / seconds}
+        rows[name]["laid_out_too"] = len(tracks) * frames / (seconds + laid_out)
+        for shown in SHOWN:
+            mean, median = errors_after(shown, poses, tracks)
+            rows[name] |= {f"mean_cm_{shown}": mean, f"median_cm_{shown}": median}
 
     predictor = PhysicsPredictor.load("contact")
-    for name, per_step in STEPS.items():
-        predictor.predict_many(firsts[:4], 4, per_step)
+    paths = [ToolMotion(s.pushes[0], s.tool).poses(np.arange(frames + 1) * FRAME) for s in firsts]
+    tool = torch.from_numpy(np.stack(paths))
+    down = torch.ones(tool.shape[:2], dtype=torch.bool)
+    predictor.rollout(predictor.start(firsts[:2]), tool[:2, :3], down[:2, :3])
+    for name, options in STEPS.items():
         begun = time.perf_counter()
-        predicted = predictor.predict_many(firsts, frames, per_step)
-        note(name, predicted, time.perf_counter() - begun, count)
+        state = predictor.start(firsts)
+        laid_out = time.perf_counter() - begun
+        begun = time.perf_counter()
+        with torch.no_grad():
+            poses = predictor.rollout(state, tool, down, **options).poses.numpy()
+        note(name, poses, time.perf_counter() - begun, laid_out)
+        if not options:
+            by_group = {kind: errors_after(SHOWN[0], poses, tracks, sizes) for kind, sizes in GROUPS.items()}
     for name, make in PEERS.items():
-        made = [make(scene) for scene in firsts]
         begun = time.perf_counter()
-        poses = [one.run(frames - 1) for one in made]
-        seconds = time.perf_counter() - begun
-        predicted = [
-            Track(
-                track.scene,
-                track.times[:frames],
-                np.concatenate((track.poses[:frames, :1], moved), 1),
-                track.push[:frames],
-                track.seen[:frames],
-            )
-            for track, moved in zip(tracks, poses, strict=True)
-        ]
-        note(name, predicted, seconds, count)
-    few = [MujocoScene(scene) for scene in firsts[:24]]
-    stepped = sum(int((track.push == 0).sum()) - 1 for track in tracks[:24])
-    begun = time.perf_counter()
-    for one in few:
-        one.run(frames - 1)
-    mujoco_speed = stepped / (time.perf_counter() - begun)
+        made = [make(scene) for scene in progress(firsts, name)]
+        laid_out = time.perf_counter() - begun
+        begun = time.perf_counter()
+        poses = [one.run(frames) for one in made]
+        note(name, np.array(poses), time.perf_counter() - begun, laid_out)
+    batches = {}
+    for batch in (batch for batch in (1, 16, 256, 4096) if batch <= largest_batch):
+        state = predictor.start([firsts[k % len(firsts)] for k in range(batch)])
+        path = torch.stack([tool[k % len(firsts)] for k in range(batch)])
+        begun = time.perf_counter()
+        with torch.no_grad():
+            predictor.rollout(state, path, torch.ones(path.shape[:2], dtype=torch.bool))
+        batches[batch] = batch * frames / (time.perf_counter() - begun)
 
-    title = f"{len(tracks)} scenes of {objects} objects, {frames} frames, final error of what moved, one core"
+    title = f"{len(tracks)} scenes of {objects} objects, one core: final error of what moved, mean / median"
     table = Table(title=title)
-    for name in ("", "mean (cm)", "median (cm)", "scene-frames a second"):
-        table.add_column(name, justify="right" if name else "left")
+    for column in ("", *(f"{shown} frames (cm)" for shown in SHOWN), "scene-frames/s", "laid out, too"):
+        table.add_column(column, justify="right" if column else "left")
     for name, row in rows.items():
-        table.add_row(
-            name, f"{row['mean_cm']:.3f}", f"{row['median_cm']:.3f}", f"{row['scene_frames_per_second']:,.0f}"
-        )
-    table.add_row("MuJoCo, the reference", "0", "0", f"{mujoco_speed:,.0f}")
+        errors = [f"{row[f'mean_cm_{shown}']:.3f} / {row[f'median_cm_{shown}']:.3f}" for shown in SHOWN]
+        speeds = [f"{row[which]:,.0f}" for which in ("scene_frames_per_second", "laid_out_too")]
+        table.add_row(name, *errors, *speeds)
     console = Console()
     console.print(table)
+    for kind, (mean, median) in by_group.items():
+        console.print(f"pushgraph, {kind}, {SHOWN[0]} frames: {mean:.3f} / {median:.3f} cm")
+    for batch, speed in batches.items():
+        console.print(f"pushgraph, {batch} side by side: {speed:,.0f} scene-frames/s, {1e3 / speed:.3f} ms each")
     out.mkdir(parents=True, exist_ok=True)
-    written = {"scenes": len(tracks), "objects": objects, "frames": frames, "rows": rows, "mujoco": mujoco_speed}
+    written = {"scenes": len(tracks), "objects": objects, "rows": rows, "batches": batches, "groups": by_group}
     (out / "peers.json").write_text(json.dumps(written, indent=1))
     console.print(f"Written: {out / 'peers.json'}")
 

@@ -153,8 +153,9 @@ def test_forces_balance_in_the_solution(monkeypatch) -> None:
     monkeypatch.setattr("pushgraph.network.newton.CONVERGED", 1e-9)
     monkeypatch.setattr("pushgraph.network.newton.ITERATIONS", 200)
     graph = contact_graph(*start_of(crowd()))
-    twist = solve(graph)
-    gradient = ContactProblem.of(graph).linearize(twist, SLIP, 1.0).linearized().gradient
+    problem = ContactProblem.of(graph)
+    twist = solve(problem)
+    gradient = problem.linearize(twist, SLIP, 1.0).linearized().gradient
     assert float(gradient[:, ~graph.nodes.given].abs().max()) < 1e-6
     assert float(twist[:, ~graph.nodes.given].abs().max()) > 0.1
 

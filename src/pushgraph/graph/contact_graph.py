@@ -41,8 +41,8 @@ class Nodes(NamedTuple):
     of what the tool's force could push, if that is more. gyration: mean squared distance of the mass from its centre;
     both are 1 for tools and what cannot move. centre: world (m). step: length of the scene's step (m). inertia: how
     strongly mass resists another motion than the last, over the friction that it meets: step / (mu g time^2). force:
-    unit of forces, mu g times the mass that masses are shares of (N). twist: given motions in the step, zero elsewhere.
-    last_twist: what the motion is if nothing acts.
+    unit of forces, mu g times the mass that masses are shares of (N). last_twist: what the motion is if nothing acts,
+    and what it is where it is given.
     """
 
     scene: Int[Tensor, " nodes"]
@@ -55,7 +55,6 @@ class Nodes(NamedTuple):
     step: Float[Tensor, " nodes"]
     inertia: Float[Tensor, " nodes"]
     force: Float[Tensor, " nodes"]
-    twist: Float[Tensor, "3 nodes"]
     last_twist: Float[Tensor, "3 nodes"]
 
 
@@ -262,7 +261,6 @@ def _nodes(
         step=step,
         inertia=step / (GRAVITY * friction * time.square()),
         force=GRAVITY * friction * total,
-        twist=torch.where(is_tool, motion, 0.0) * unit,
         last_twist=torch.where(is_tool, motion, torch.where(given, 0.0, last.t())) * unit,
     )
 
@@ -293,7 +291,7 @@ def _rows_sum(nodes: Nodes, values: Tensor, node: Tensor) -> Tensor:
 
 def _drives(control: Control, nodes: Nodes) -> Drives:
     node = (nodes.is_tool & ~nodes.given).nonzero().squeeze(-1)
-    way = nodes.twist[:2, node]
+    way = nodes.last_twist[:2, node]
     length = way.norm(dim=0)
     limit = torch.as_tensor(control.force_limit, dtype=length.dtype).to(length).expand(len(control.pose))
     return Drives(node, way / length, length, limit[nodes.scene[node]] / nodes.force[node])

@@ -1,7 +1,7 @@
 """Many scenes as tensors: what does not change while they are pushed."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -354,6 +354,15 @@ def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
     if isinstance(batches[0], Tensor):
         return function(*batches)
     return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))
+
+
+def tensors_of(batch: tuple) -> Iterator[Tensor]:
+    """All tensors of nested batches."""
+    for values in batch:
+        if isinstance(values, Tensor):
+            yield values
+        elif isinstance(values, tuple):
+            yield from tensors_of(values)
 
 
 def concatenate(batches: Sequence[Batch]) -> Batch:

@@ -62,8 +62,8 @@ class Linearized(NamedTuple):
 class ContactProblem(NamedTuple):
     """Energy of one step, as the module says. Points are those of the contacts, then those of the joints.
 
-    scene, given: of each node. inertia: c m, c m, c m k^2. last: twists if nothing acts. stiffness: K. force: of the
-    network, along and across each normal. hinge, slider: 1 for joints that are one, else 0.
+    scene, given: of each node. inertia: c m, c m, c m k^2. last: twists if nothing acts, and those that are given.
+    stiffness: K. force: of the network, along and across each normal. hinge, slider: 1 for joints that are one, else 0.
     """
 
     scene: Int[Tensor, " nodes"]

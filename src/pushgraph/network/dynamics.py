@@ -18,6 +18,7 @@ from pushgraph.graph.contact_features import CLAMP, contact_features
 from pushgraph.graph.contact_graph import ContactGraph, contact_graph
 from pushgraph.graph.pieces import mean_motion, move_pieces
 from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN, PropnetGraph, propnet_graph
+from pushgraph.graph.scene_batch import tensors_of
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.steps import LONGEST
 from pushgraph.network import contact_problem
@@ -99,32 +100,33 @@ class ContactDynamics(nn.Module):
             solved = _compiled(state, control)
             motion = torch.from_numpy(solved.motion).to(state.poses.dtype)
             return Advance(motion, torch.from_numpy(solved.done).to(state.poses.dtype))
-        graph, twist = self._solved(state, control)
+        graph, _, twist = self._solved(state, control)
         return Advance(self._motion(state, graph, twist), _done(state, graph, twist))
 
     def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
         """Predict, with the state of every contact. reach: what may move in this step, if it is known already."""
         if self._can_be_compiled(state, control):
             return _foreseen(state, _compiled(state, control, contact_state=True))
-        graph, twist = self._solved(state, control, reach)
+        graph, problem, twist = self._solved(state, control, reach)
         relation = graph.edges.relation[graph.contacts.points.edge]
         relation = torch.cat((2 * relation, 2 * relation + 1))
         relation = relation.masked_fill(graph.edges.is_tool[graph.contacts.points.edge].repeat(2), -1)
-        latents = contact_state(graph, twist)
+        latents = contact_state(problem, twist)
         return _foresight(self._motion(state, graph, twist), state.relations.kind, relation, latents)
 
     def _can_be_compiled(self, state: State, control: Control) -> bool:
         """Whether nothing but the motion is asked for, of what is solved as it is, on a processor."""
-        gradient = torch.is_grad_enabled() and (state.poses.requires_grad or control.motion.requires_grad)
-        return self.network.is_silent and state.poses.device.type == "cpu" and not gradient
+        if not self.network.is_silent or state.poses.device.type != "cpu":
+            return False
+        return not (torch.is_grad_enabled() and any(values.requires_grad for values in tensors_of((state, control))))
 
     def _solved(
         self, state: State, control: Control, reach: Reachable | None = None
-    ) -> tuple[ContactGraph, Float[Tensor, "3 nodes"]]:
+    ) -> tuple[ContactGraph, ContactProblem, Float[Tensor, "3 nodes"]]:
         graph = contact_graph(state, control, reach)
-        if self.network.is_silent:
-            return graph, solve(graph)
-        return graph, solve(graph, self.network(graph, contact_features(state, graph)))
+        correction = None if self.network.is_silent else self.network(graph, contact_features(state, graph))
+        problem = ContactProblem.of(graph, correction)
+        return graph, problem, solve(problem)
 
     def _motion(self, state: State, graph: ContactGraph, twist: Tensor) -> Tensor:
         nodes = graph.nodes
@@ -203,9 +205,10 @@ def _done(state: State, graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) ->
     return done.index_copy(0, nodes.scene[drives.node], (1 + lag / drives.length).clamp(0, 1).to(done.dtype))
 
 
-def contact_state(graph: ContactGraph, twist: Float[Tensor, "3 nodes"]) -> Float[Tensor, "directed state"]:
+def contact_state(
+    problem: ContactProblem, twist: Float[Tensor, "3 nodes"]
+) -> Float[Tensor, "directed state"]:
     """CONTACT_STATE of every contact, seen from its first node, then of all seen from the second."""
-    problem = ContactProblem.of(graph)
     moment = problem.linearize(twist, SLIP, 1.0)
     gap = problem.gap.clamp(-CLAMP, CLAMP)
     parts = (-moment.depth - problem.gap).clamp(-CLAMP, CLAMP)

@@ -11,8 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph.graph.contact_graph import ContactGraph
-from pushgraph.network.contact_problem import SLIP, ContactProblem, Correction, Linearized, Moment
+from pushgraph.network.contact_problem import SLIP, ContactProblem, Linearized, Moment
 
 ITERATIONS = 60
 LOOSE, TIGHTENING = 0.3, 0.5
@@ -38,15 +37,13 @@ LARGE = 64
 """Unknowns of a scene from which on LAPACK is faster, however many scenes there are."""
 
 
-def solve(graph: ContactGraph, correction: Correction | None = None) -> Float[Tensor, "3 nodes"]:
-    """Twists of all nodes at which forces balance; differentiable in the graph and the correction."""
-    problem = ContactProblem.of(graph, correction)
-    start = torch.where(problem.given, graph.nodes.twist, problem.last)
+def solve(problem: ContactProblem) -> Float[Tensor, "3 nodes"]:
+    """Twists of all nodes at which forces balance; differentiable in all that the problem holds."""
     if bool(problem.given.all()):
-        return start
+        return problem.last
     with torch.no_grad():
-        twist = _solved(problem, start, None, 0)
-    return _differentiable(problem, torch.where(problem.given, graph.nodes.twist, twist))
+        twist = _solved(problem, problem.last, None, 0)
+    return _differentiable(problem, torch.where(problem.given, problem.last, twist))
 
 
 class Held(NamedTuple):

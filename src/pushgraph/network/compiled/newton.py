@@ -15,7 +15,7 @@ from pushgraph.network.compiled.jit import compiled
 
 STIFFNESS, JOINT_STIFFNESS = contact_problem.STIFFNESS, contact_problem.JOINT_STIFFNESS
 SLIP = contact_problem.SLIP
-ITERATIONS, LOOSE, TIGHTENING = newton.ITERATIONS, newton.LOOSE, newton.TIGHTENING
+LOOSE, TIGHTENING = newton.LOOSE, newton.TIGHTENING
 SECANT, OUTRIGHT = newton.SECANT, newton.OUTRIGHT
 (LEAST_SHARE, GREATEST_SHARE), (LEAST_INSIDE, MOST_INSIDE) = newton.SHARES, newton.INSIDE
 BALANCED = newton.BALANCED
@@ -51,7 +51,7 @@ def room_for_system(bodies: int) -> System:
 
 
 @compiled
-def solve(graph: Graph, counts: Counts, system: System, converged: float) -> None:
+def solve(graph: Graph, counts: Counts, system: System, iterations: int, converged: float) -> None:
     """Find the twists at which forces balance, until they change by less than `converged`, in steps."""
     unknowns = 0
     for k in range(counts.nodes):
@@ -66,7 +66,7 @@ def solve(graph: Graph, counts: Counts, system: System, converged: float) -> Non
         contact = graph.contacts[k]
         contact.stiffness = STIFFNESS * contact.share
     _find_envelope(graph, counts, system, unknowns)
-    for iteration in range(ITERATIONS):
+    for iteration in range(iterations):
         slip = max(LOOSE * TIGHTENING**iteration, SLIP)
         measure(graph, counts, system.twist)
         off = _hold(graph, counts, iteration)

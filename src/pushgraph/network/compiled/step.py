@@ -50,16 +50,16 @@ def solve_step(state: State, control: Control, contact_state: bool = False) -> S
 
 def _solve(scenes: Scenes, first: int, last: int, solved: Solved) -> None:
     graph, system = room_for(scenes), room_for_system(scenes.poses.shape[1])
-    _solve_scenes(scenes, first, last, graph, system, newton.CONVERGED, solved)
+    _solve_scenes(scenes, first, last, graph, system, newton.ITERATIONS, newton.CONVERGED, solved)
 
 
 @compiled
-def _solve_scenes(scenes, first, last, graph, system, converged, solved):
+def _solve_scenes(scenes, first, last, graph, system, iterations, converged, solved):
     for scene in range(first, last):
         counts = build(scenes, scene, graph)
         if counts.length == 0.0:
             continue
-        solve(graph, counts, system, converged)
+        solve(graph, counts, system, iterations, converged)
         _move(graph, counts, system.twist, solved.motion[scene])
         if counts.drive > 0.0:
             lag, _, _ = lag_of(graph.nodes[0], counts, system.twist)
