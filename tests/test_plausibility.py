@@ -63,7 +63,9 @@ def test_long_lists_are_cut_and_fixed_bodies_need_no_mass() -> None:
 
 def test_what_the_networks_do_not_know_is_said() -> None:
     push = Push(start=(-0.2, 0), end=(0.2, 0), force_limit=3.0)
-    held, unlimited = simplifications(lane(cube("a", 0), cube("wall", 0.3, fixed=True), push=push))
+    scene = lane(cube("a", 0), cube("wall", 0.3, fixed=True), push=push)
+    assert simplifications(scene) == []
+    held, unlimited = simplifications(scene, solved=False)
     assert held.startswith("'wall' cannot move: predicted as bodies of great mass")
     assert unlimited.startswith("force_limit of pushes[0] is ignored")
 

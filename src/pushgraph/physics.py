@@ -19,7 +19,7 @@ from pushgraph.errors import CheckpointError, PredictionError, RangeWarning
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
-from pushgraph.network.dynamics import DYNAMICS, Dynamics
+from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import in_parts
@@ -96,6 +96,11 @@ class PhysicsPredictor:
     def __init__(self, dynamics: Dynamics, record: Mapping[str, Any] | None = None) -> None:
         self.dynamics, self.record = dynamics, dict(record or {})
         self._warned = False
+
+    @property
+    def solves(self) -> bool:
+        """Whether motions are solved from the laws of contact."""
+        return isinstance(self.dynamics, ContactDynamics)
 
     @classmethod
     def load(

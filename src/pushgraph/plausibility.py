@@ -41,19 +41,22 @@ def assumptions(scene: Scene) -> list[str]:
     return taken
 
 
-def simplifications(scene: Scene) -> list[str]:
-    """What a scene says and the shipped networks do not know, and what they take instead."""
-    still = [name for name, immovable in zip(scene.names, scene.immovable, strict=True) if immovable]
-    taken = [
-        f"{_listed(still)} cannot move: predicted as bodies of great mass that are held in place, of which the "
-        "networks have seen none"
-    ] * bool(still)
-    supported = [body.name for body in scene.bodies if body.support is not None]
+def simplifications(scene: Scene, solved: bool = True) -> list[str]:
+    """What a scene says and a prediction does not know, and what it takes instead.
+
+    solved: whether motions are solved from the laws of contact, as those of `contact`, or all learnt.
+    """
+    supported = [b.name for b in scene.bodies if b.support is not None and (not solved or b.shape.kind == "polygon")]
+    taken = []
     if supported:
-        taken.append(f"support of {_listed(supported)} is ignored: predicted bodies press on all of their outline")
+        taken.append(f"support of {_listed(supported)} is ignored: predicted to press on all of the outline")
+    if solved:
+        return taken
+    if still := [name for name, immovable in zip(scene.names, scene.immovable, strict=True) if immovable]:
+        taken.append(f"{_listed(still)} cannot move: predicted as bodies of great mass that are held in place")
     limited = [f"pushes[{index}]" for index, push in enumerate(scene.pushes) if push.force_limit is not None]
     if limited:
-        taken.append(f"force_limit of {', '.join(limited[:MOST_NAMES])} is ignored: predicted pushers never stall")
+        taken.append(f"force_limit of {', '.join(limited[:MOST_NAMES])} is ignored: these pushers never stall")
     return taken
 
 

@@ -114,9 +114,10 @@ def predict(
         given = BeliefHistory.load(beliefs).apply_to(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
-    _warn(assumptions(given) + simplifications(given))
+    predictor = PhysicsPredictor.load(model)
+    _warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
-        track = PhysicsPredictor.load(model).predict(given)
+        track = predictor.predict(given)
     _write_track(track, out or Path(Path(scene).stem), animation)
 
 

@@ -40,9 +40,9 @@ class Nodes(NamedTuple):
     that of what cannot move and of tools without a force limit. mass: as a share of all that may move in the scene, or
     of what the tool's force could push, if that is more. gyration: mean squared distance of the mass from its centre;
     both are 1 for tools and what cannot move. centre: world (m). step: length of the scene's step (m). inertia: how
-    strongly mass resists another motion than the last, over the friction that it meets: step / (mu g time^2). force:
-    unit of forces, mu g times the mass that masses are shares of (N). last_twist: what the motion is if nothing acts,
-    and what it is where it is given.
+    strongly mass resists another motion than the last, over the friction that it meets: step / (mu g t T), t: of this
+    step, T: from the middle of the step before to that of this one. force: unit of forces, mu g times the mass that
+    masses are shares of (N). last_twist: what the motion is if nothing acts, and what it is where it is given.
     """
 
     scene: Int[Tensor, " nodes"]
@@ -245,7 +245,9 @@ def _nodes(
     total = torch.zeros_like(reach.length).index_add(0, scene, torch.where(is_free, mass, 0.0))
     could_push = limit / (GRAVITY * scenes.table_friction)
     total = torch.where(limited, torch.maximum(total, could_push), total).clamp(min=1e-9).index_select(0, scene)
-    step, time = (values.index_select(0, scene) for values in (reach.length, frames * FRAME))
+    last_frames = torch.as_tensor(control.last_frames, dtype=frames.dtype).to(frames).expand_as(frames)
+    times = (reach.length, frames * FRAME, last_frames * FRAME)
+    step, time, last_time = (values.index_select(0, scene) for values in times)
     unit = step.new_tensor([1.0, 1.0, LEVER])[:, None] / step
     last = _rows(mean_motion(scenes, reach.piece, state.motions), body) * frames.index_select(0, scene)[:, None]
     motion = control.motion.index_select(0, scene).t()
@@ -259,7 +261,7 @@ def _nodes(
         gyration=torch.where(is_free, gyration / LEVER**2, 1.0),
         centre=torch.where(is_tool[:, None], control.pose[scene, :2], _rows(pieces.centre, body)),
         step=step,
-        inertia=step / (GRAVITY * friction * time.square()),
+        inertia=step / (GRAVITY * friction * time * (time + last_time) / 2),
         force=GRAVITY * friction * total,
         last_twist=torch.where(is_tool, motion, torch.where(given, 0.0, last.t())) * unit,
     )

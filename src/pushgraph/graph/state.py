@@ -52,7 +52,7 @@ class Control(NamedTuple):
 
     pose: pose_world_from_tool at its start. motion: how it changes until its end. last_motion: how it changed in a
     frame of the step before. down: whether the tool is down on the table from start to end. frames: how long the step
-    is, in frames. force_limit: of the tool along its motion (N).
+    is, in frames. last_frames: how long the one before was. force_limit: of the tool along its motion (N).
     """
 
     pose: Float[Tensor, "batch 3"]
@@ -60,6 +60,7 @@ class Control(NamedTuple):
     last_motion: Float[Tensor, "batch 3"]
     down: Bool[Tensor, " batch"]
     frames: Float[Tensor, " batch"] | float = 1.0
+    last_frames: Float[Tensor, " batch"] | float = 1.0
     force_limit: Float[Tensor, " batch"] | float = math.inf
 
     def double(self) -> "Control":
@@ -89,6 +90,6 @@ def controls(
     last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
     limits = [math.inf] * motion.shape[1] if force_limit is None else force_limit.unbind(1)
     return [
-        Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k], limit)
+        Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k], frames[:, max(k - 1, 0)], limit)
         for k, limit in enumerate(limits)
     ]

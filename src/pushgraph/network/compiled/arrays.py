@@ -47,15 +47,16 @@ class Scenes(NamedTuple):
     tool_motion: np.ndarray
     tool_down: np.ndarray
     frames: np.ndarray
+    last_frames: np.ndarray
     force_limit: np.ndarray
 
 
 def arrays_of(state: State, control: Control) -> Scenes:
     """The arrays of a state and of what the tool does next."""
     scenes = state.scenes
-    frames, limit = (
+    of_steps = (
         torch.as_tensor(values, dtype=torch.float64).expand(len(state.poses))
-        for values in (control.frames, control.force_limit)
+        for values in (control.frames, control.last_frames, control.force_limit)
     )
     of_scenes = (scenes.present, scenes.immovable, scenes.group, scenes.mass, scenes.centre_of_mass, scenes.gyration)
     of_tables = (scenes.table_friction, scenes.side_friction)
@@ -67,7 +68,7 @@ def arrays_of(state: State, control: Control) -> Scenes:
         float(state.still),
         *(_array(values) for values in (*of_scenes, *shapes, *scenes.feet, *of_tables, *of_tools)),
         *(_array(values) for values in state.relations),
-        *(_array(values) for values in (control.pose, control.motion, control.down, frames, limit)),
+        *(_array(values) for values in (control.pose, control.motion, control.down, *of_steps)),
     )
 
 

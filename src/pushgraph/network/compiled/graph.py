@@ -234,8 +234,8 @@ def _weigh(scenes, scene, graph, nodes, length, could_push):
     could_push: what mass the tool could push, if its force has a limit, else zero.
     """
     frames, total = scenes.frames[scene], 0.0
-    time = frames * FRAME
-    inertia = length / (GRAVITY * scenes.table_friction[scene] * time * time)
+    time, last_time = frames * FRAME, scenes.last_frames[scene] * FRAME
+    inertia = length / (GRAVITY * scenes.table_friction[scene] * time * (time + last_time) / 2)
     row = 0
     for k in range(nodes):
         node = graph.nodes[k]
