@@ -15,7 +15,7 @@ from pushgraph.checkpoint import Checkpoint, save_checkpoint
 from pushgraph.cli import main
 from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.network.dynamics import DYNAMICS
-from pushgraph.physics import MODELS, PRECISIONS, PhysicsPredictor
+from pushgraph.physics import MODELS, PRECISIONS, PhysicsPredictor, fastest_precision
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push, Tool
@@ -58,8 +58,15 @@ def test_bfloat16_predicts_nearly_what_float32_does(model) -> None:
     assert (off > 0) == (model == "propnet")  # without a correction nothing of `contact` is rounded
 
 
+def test_the_fastest_precision_is_one_of_both_and_timed_once() -> None:
+    assert fastest_precision() in PRECISIONS
+    assert fastest_precision.cache_info().currsize >= 1
+    kept = load("propnet", precision="auto").dynamics.network.head[0].weight.dtype
+    assert kept == PRECISIONS[fastest_precision("cpu")]
+
+
 def test_a_precision_that_there_is_not_is_named_with_those_there_are() -> None:
-    with pytest.raises(PredictionError, match=r"no precision 'float8'; valid: float32, bfloat16"):
+    with pytest.raises(PredictionError, match=r"no precision 'float8'; valid: float32, bfloat16, auto"):
         load(precision="float8")
 
 

@@ -1,11 +1,13 @@
 """Physics prediction: roll out what planned pushes do."""
 
 import contextlib
+import functools
 import os
+import time
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -35,6 +37,23 @@ PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 """What the networks may compute in; geometry and poses keep their own precision."""
 FEW = 64
 """So few scenes are predicted on one thread: several would wait for each other more than they work."""
+
+
+@functools.cache
+def fastest_precision(device: str = "cpu") -> str:
+    """The precision in which networks are fastest on this machine, timed once: without instructions for bfloat16 it is
+    several times slower than float32."""
+    seconds = {}
+    for name, precision in PRECISIONS.items():
+        weight, rows = torch.ones(256, 256, dtype=precision, device=device), torch.ones(4096, 256, device=device)
+        rows = rows.to(precision)
+        for _ in range(2):  # the first warms up
+            begun = time.perf_counter()
+            for _ in range(4):
+                rows = (rows @ weight).relu() / 256
+            rows.sum().item()
+            seconds[name] = time.perf_counter() - begun
+    return min(seconds, key=seconds.__getitem__)
 
 
 class Rollout(NamedTuple):
@@ -108,18 +127,20 @@ class PhysicsPredictor:
     ) -> "PhysicsPredictor":
         """Load a shipped predictor by name, or the checkpoint in a file.
 
-        precision: what the network computes in; "bfloat16" is faster for many scenes side by side.
+        precision: what the network computes in: "float32", "bfloat16", or "auto" for what is faster on this machine.
+        What is solved, as by `contact`, is solved in float64 whatever this says.
         Raises CheckpointError if there is no such file, or any part of it is not what it should be, and
         PredictionError if there is no such precision.
         """
-        if precision not in PRECISIONS:
-            raise PredictionError(f"no precision {precision!r}; valid: {', '.join(PRECISIONS)}")
+        if precision not in (*PRECISIONS, "auto"):
+            raise PredictionError(f"no precision {precision!r}; valid: {', '.join(PRECISIONS)}, auto")
+        precision = fastest_precision(device) if precision == "auto" else precision
         path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in DYNAMICS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
         network = checkpoint.network.to(device, PRECISIONS[precision]).requires_grad_(False)
-        return cls(network, checkpoint.record)
+        return cls(cast(Dynamics, network), checkpoint.record)
 
     def start(self, scenes: Sequence[Scene]) -> State:
         """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned.
@@ -178,8 +199,8 @@ class PhysicsPredictor:
         longest = max(len(push) for _, push in plans)
         tool = np.stack([np.concatenate((poses, np.repeat(poses[-1:], longest - len(poses), 0))) for poses, _ in plans])
         down = np.stack([np.pad(push != LIFTED, (0, longest - len(push))) for _, push in plans])
-        limits = [_force_limits(scene.pushes, push) for scene, (_, push) in zip(scenes, plans, strict=True)]
-        limits = np.stack([np.pad(limit, (0, longest - len(limit)), constant_values=np.inf) for limit in limits])
+        each = [_force_limits(scene.pushes, push) for scene, (_, push) in zip(scenes, plans, strict=True)]
+        limits = np.stack([np.pad(limit, (0, longest - len(limit)), constant_values=np.inf) for limit in each])
         taken_apart = [in_parts(scene) for scene in scenes]
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:

@@ -75,8 +75,8 @@ def plan_steps(
             )
         ]
         most = max(map(len, all_knots))
-        knots = np.stack([np.pad(one, (0, most - len(one)), mode="edge") for one in all_knots])
-        knots = torch.from_numpy(knots).to(tool.device)
+        padded = np.stack([np.pad(one, (0, most - len(one)), mode="edge") for one in all_knots])
+        knots = torch.from_numpy(padded).to(tool.device)
     rows = torch.arange(batch, device=tool.device)[:, None]
     before = knots.floor().long()
     # The tool is down in a step if it is down in the frames at and around both of its ends.

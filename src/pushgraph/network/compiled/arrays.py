@@ -104,7 +104,7 @@ EDGE = np.dtype(
 )
 """See `contact_graph.Edges`; and the contact of its two shapes in the frame of the first (m), see `PairContact`.
 first_body, second_body: bodies, then the tool's parts. relation: -1 for the tool's."""
-_POINT = [(name, np.int64) for name in ("edge", "first", "second")]
+_POINT: list[tuple[str, type]] = [(name, np.int64) for name in ("edge", "first", "second")]
 _POINT += [(name, np.float64) for name in ("arm_1x", "arm_1y", "arm_2x", "arm_2y")]
 CONTACT = np.dtype(
     _POINT + [(name, np.float64) for name in ("normal_x", "normal_y", "gap", "friction", "share", "stiffness")]
@@ -163,4 +163,32 @@ def room_for(scenes: Scenes) -> Graph:
         np.empty(edges, EDGE),
         np.empty(2 * edges, CONTACT),
         np.empty(edges, JOINT),
+    )
+
+
+class System(NamedTuple):
+    """Room for the linear system of one scene.
+
+    twist, direction: of nodes. matrix: lower triangle of the curvature, then its factors. first: of each row the first
+    column that is not zero. right: the right side, then the solution. gradient: that of the energy.
+    """
+
+    twist: np.ndarray
+    direction: np.ndarray
+    matrix: np.ndarray
+    first: np.ndarray
+    right: np.ndarray
+    gradient: np.ndarray
+
+
+def room_for_system(bodies: int) -> System:
+    """Room for scenes of so many bodies."""
+    unknowns = 3 * (bodies + 1)
+    return System(
+        np.zeros((bodies + 1, 3)),
+        np.zeros((bodies + 1, 3)),
+        np.empty((unknowns, unknowns)),
+        np.empty(unknowns, np.int64),
+        np.empty(unknowns),
+        np.empty(unknowns),
     )

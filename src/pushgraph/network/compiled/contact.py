@@ -53,7 +53,17 @@ def _face(half_x, half_y, other_x, other_y, cos, sin, x, y, handicap, best, best
 
 
 @compiled
-def contact_of(a_x, a_y, a_radius, b_x, b_y, b_radius, x, y, yaw):
+def contact_of(
+    a_x: float,
+    a_y: float,
+    a_radius: float,
+    b_x: float,
+    b_y: float,
+    b_radius: float,
+    x: float,
+    y: float,
+    yaw: float,
+) -> PairContact:
     """The contact of a box with half extents a_x, a_y with another, whose pose_a_from_b is x, y, yaw."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     back_x, back_y = -(x * cos + y * sin), x * sin - y * cos

@@ -6,6 +6,7 @@ import inspect
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 
@@ -19,12 +20,12 @@ _SOURCES = ("graph/*.py", "network/**/*.py", "contact.py", "track.py")
 def compiled(function: Callable) -> Callable:
     """`numba.njit`: compiled when it is first called, and on this machine never again."""
     function = inspect.unwrap(function)  # without the checks of shapes that tests put around it
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _folder()
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, _folder()
     try:
-        return numba.njit(function, cache=bool(numba.config.CACHE_DIR), nogil=True)
+        return numba.njit(function, cache=bool(config.CACHE_DIR), nogil=True)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 @functools.cache

@@ -1,53 +1,17 @@
-"""Newton's method of `pushgraph.network.newton` for the energy of `contact_problem`, of one scene.
+"""Newton's method of `pushgraph.network.newton`, of one scene.
 
 Unknowns are numbered as the push reaches the nodes, so the curvature's factors stay within a narrow envelope: a long
 row of bodies costs as much a body as a short one.
 """
 
-import math
-from typing import NamedTuple
-
-import numpy as np
-
 from pushgraph.network import contact_problem, newton
-from pushgraph.network.compiled.arrays import Counts, Graph
+from pushgraph.network.compiled.arrays import Counts, Graph, System
+from pushgraph.network.compiled.energy import STIFFNESS, linearize, measure, relative, slope
 from pushgraph.network.compiled.jit import compiled
 
-STIFFNESS, JOINT_STIFFNESS = contact_problem.STIFFNESS, contact_problem.JOINT_STIFFNESS
-SLIP = contact_problem.SLIP
-LOOSE, TIGHTENING = newton.LOOSE, newton.TIGHTENING
-SECANT, OUTRIGHT = newton.SECANT, newton.OUTRIGHT
+SLIP, LOOSE, TIGHTENING = contact_problem.SLIP, newton.LOOSE, newton.TIGHTENING
+OUTRIGHT, BALANCED, BRACKETINGS, TINY = newton.OUTRIGHT, newton.BALANCED, newton.BRACKETINGS, newton.TINY
 (LEAST_SHARE, GREATEST_SHARE), (LEAST_INSIDE, MOST_INSIDE) = newton.SHARES, newton.INSIDE
-BALANCED = newton.BALANCED
-BRACKETINGS, TINY, DAMPING = newton.BRACKETINGS, newton.TINY, newton.DAMPING
-
-
-class System(NamedTuple):
-    """Room for the linear system of one scene.
-
-    twist, direction: of nodes. matrix: lower triangle of the curvature, then its factors. first: of each row the first
-    column that is not zero. right: the right side, then the solution. gradient: that of the energy.
-    """
-
-    twist: np.ndarray
-    direction: np.ndarray
-    matrix: np.ndarray
-    first: np.ndarray
-    right: np.ndarray
-    gradient: np.ndarray
-
-
-def room_for_system(bodies: int) -> System:
-    """Room for scenes of so many bodies."""
-    unknowns = 3 * (bodies + 1)
-    return System(
-        np.zeros((bodies + 1, 3)),
-        np.zeros((bodies + 1, 3)),
-        np.empty((unknowns, unknowns)),
-        np.empty(unknowns, np.int64),
-        np.empty(unknowns),
-        np.empty(unknowns),
-    )
 
 
 @compiled
@@ -70,7 +34,7 @@ def solve(graph: Graph, counts: Counts, system: System, iterations: int, converg
         slip = max(LOOSE * TIGHTENING**iteration, SLIP)
         measure(graph, counts, system.twist)
         off = _hold(graph, counts, iteration)
-        _linearize(graph, counts, system, unknowns, slip)
+        linearize(graph, counts, system, unknowns, slip)
         falling = _direction(graph, counts, system, unknowns)
         length = _flat_length(graph, counts, system, slip, falling)
         change = 0.0
@@ -81,26 +45,6 @@ def solve(graph: Graph, counts: Counts, system: System, iterations: int, converg
                 change = max(change, abs(step))
         if slip <= SLIP and change < converged and off < BALANCED:
             break
-
-
-@compiled
-def relative(point, values):
-    """How a point's second node parts from its first, x, y and turn, given rows of values of all nodes."""
-    first, second = point.first, point.second
-    turn_1, turn_2 = values[first, 2], values[second, 2]
-    x = values[second, 0] - point.arm_2y * turn_2 - (values[first, 0] - point.arm_1y * turn_1)
-    y = values[second, 1] + point.arm_2x * turn_2 - (values[first, 1] + point.arm_1x * turn_1)
-    return x, y, turn_2 - turn_1
-
-
-@compiled
-def measure(graph: Graph, counts: Counts, twist: np.ndarray) -> None:
-    """Depth and slip of all contacts at a twist."""
-    for k in range(counts.contacts):
-        contact = graph.contacts[k]
-        x, y, _ = relative(contact, twist)
-        contact.depth = -(contact.gap + x * contact.normal_x + y * contact.normal_y)
-        contact.slip = y * contact.normal_x - x * contact.normal_y
 
 
 @compiled
@@ -149,205 +93,6 @@ def _find_envelope(graph, counts, system, unknowns):
 
 
 @compiled
-def _linearize(graph, counts, system, unknowns, slip):
-    """The curvature of the energy, and minus its gradient on the right side."""
-    matrix, right = system.matrix, system.right
-    for row in range(unknowns):
-        right[row] = 0.0
-        for column in range(system.first[row], row + 1):
-            matrix[row, column] = 0.0
-    foot = 0
-    for k in range(counts.nodes):
-        if graph.nodes[k].row >= 0:
-            foot = _add_node(k, graph.nodes[k], graph.feet, foot, counts.feet, system, slip)
-    if counts.drive > 0.0:
-        _add_drive(graph.nodes[0], counts, system, slip)
-    for k in range(counts.contacts):
-        contact = graph.contacts[k]
-        n_x, n_y = contact.normal_x, contact.normal_y
-        hold, pressing = 0.0, 0.0
-        if contact.depth > 0:
-            hold, pressing = contact.stiffness, contact.stiffness * contact.depth
-        squared = contact.slip * contact.slip + slip * slip
-        drag = contact.grip / math.sqrt(squared)
-        stick = drag * (1 - SECANT * contact.slip * contact.slip / squared)
-        if hold == 0.0 and drag == 0.0:
-            continue
-        across = drag * contact.slip
-        _add_point(
-            contact,
-            graph.nodes,
-            matrix,
-            right,
-            -pressing * n_x - across * n_y,
-            -pressing * n_y + across * n_x,
-            0.0,
-            hold * n_x * n_x + stick * n_y * n_y,
-            (hold - stick) * n_x * n_y,
-            hold * n_y * n_y + stick * n_x * n_x,
-            0.0,
-        )
-    for k in range(counts.joints):
-        _add_joint(graph.joints[k], graph.nodes, system.twist, matrix, right)
-    for row in range(unknowns):
-        matrix[row, row] *= 1 + DAMPING
-
-
-@compiled
-def _add_node(k, node, feet, foot, count, system, slip):
-    """Add inertia and table friction of a node, whose feet begin at `foot`; return where those of the next do."""
-    xx = xy = yy = xt = yt = tt = force_x = force_y = torque = 0.0
-    u_x, u_y, u_turn = system.twist[k, 0], system.twist[k, 1], system.twist[k, 2]
-    while foot < count and feet[foot].node == k:
-        arm_x, arm_y, radius = feet[foot].arm_x, feet[foot].arm_y, feet[foot].radius
-        x, y, turn = u_x - arm_y * u_turn, u_y + arm_x * u_turn, radius * u_turn
-        over = 1 / math.sqrt(x * x + y * y + turn * turn + slip * slip)
-        strength = feet[foot].weight * over
-        less = SECANT * strength * over * over
-        twist = arm_x * y - arm_y * x + radius * turn
-        xx += strength - less * x * x
-        xy -= less * x * y
-        yy += strength - less * y * y
-        xt -= strength * arm_y + less * x * twist
-        yt += strength * arm_x - less * y * twist
-        tt += strength * (arm_x * arm_x + arm_y * arm_y + radius * radius) - less * twist * twist
-        force_x += strength * x
-        force_y += strength * y
-        torque += strength * twist
-        foot += 1
-    inertia = node.mass * node.inertia
-    turning = inertia * node.gyration
-    row = node.row
-    _add_own(system.matrix, row, xx + inertia, xy, yy + inertia, xt, yt, tt + turning)
-    system.right[row] -= force_x + inertia * (u_x - node.last_x)
-    system.right[row + 1] -= force_y + inertia * (u_y - node.last_y)
-    system.right[row + 2] -= torque + turning * (u_turn - node.last_turn)
-    return foot
-
-
-@compiled
-def lag_of(tool, counts, values):
-    """How the first node, the tool, is off its way: along it, across and in its turn."""
-    x, y, turn = values[0, 0] - tool.last_x, values[0, 1] - tool.last_y, values[0, 2] - tool.last_turn
-    return x * counts.axis_x + y * counts.axis_y, y * counts.axis_x - x * counts.axis_y, turn
-
-
-@compiled
-def _add_drive(tool, counts, system, slip):
-    lag, across, turn = lag_of(tool, counts, system.twist)
-    a_x, a_y = counts.axis_x, counts.axis_y
-    squared = lag * lag + slip * slip
-    drag = counts.limit / math.sqrt(squared)
-    stick = drag * (1 - SECANT * lag * lag / squared)
-    along, across = drag * lag, JOINT_STIFFNESS * across
-    _add_own(
-        system.matrix,
-        tool.row,
-        stick * a_x * a_x + JOINT_STIFFNESS * a_y * a_y,
-        (stick - JOINT_STIFFNESS) * a_x * a_y,
-        stick * a_y * a_y + JOINT_STIFFNESS * a_x * a_x,
-        0.0,
-        0.0,
-        JOINT_STIFFNESS,
-    )
-    system.right[tool.row] -= along * a_x - across * a_y
-    system.right[tool.row + 1] -= along * a_y + across * a_x
-    system.right[tool.row + 2] -= JOINT_STIFFNESS * turn
-
-
-@compiled
-def foot_motion(foot, values):
-    """See `contact_problem.foot_motion`."""
-    turn = values[foot.node, 2]
-    x, y = values[foot.node, 0] - foot.arm_y * turn, values[foot.node, 1] + foot.arm_x * turn
-    return x, y, foot.radius * turn
-
-
-@compiled
-def _add_joint(joint, nodes, twist, matrix, right):
-    x, y, turning = relative(joint, twist)
-    drift_x, drift_y = joint.drift_x + x, joint.drift_y + y
-    if joint.revolute:
-        limit, held = _limit(joint, turning)
-        stiff = JOINT_STIFFNESS
-        _add_point(joint, nodes, matrix, right, stiff * drift_x, stiff * drift_y, limit, stiff, 0.0, stiff, held)
-        return
-    a_x, a_y = joint.axis_x, joint.axis_y
-    across = JOINT_STIFFNESS * (drift_y * a_x - drift_x * a_y)
-    limit, held = _limit(joint, x * a_x + y * a_y)
-    _add_point(
-        joint,
-        nodes,
-        matrix,
-        right,
-        limit * a_x - across * a_y,
-        limit * a_y + across * a_x,
-        JOINT_STIFFNESS * (joint.turn + turning),
-        JOINT_STIFFNESS * a_y * a_y + held * a_x * a_x,
-        (held - JOINT_STIFFNESS) * a_x * a_y,
-        JOINT_STIFFNESS * a_x * a_x + held * a_y * a_y,
-        JOINT_STIFFNESS,
-    )
-
-
-@compiled
-def _limit(joint, used):
-    """Force of a limit, and its stiffness where it is reached."""
-    low, high = min(joint.low + used, 0.0), min(joint.high - used, 0.0)
-    held = JOINT_STIFFNESS if low < 0.0 or high < 0.0 else 0.0
-    return JOINT_STIFFNESS * (low - high), held
-
-
-@compiled
-def _add_point(point, nodes, matrix, right, force_x, force_y, torque, k_xx, k_xy, k_yy, k_tt):
-    """Add a force and its stiffness, on the motion of the second node against the first."""
-    row_1, row_2 = nodes[point.first].row, nodes[point.second].row
-    x_1, y_1, x_2, y_2 = point.arm_1x, point.arm_1y, point.arm_2x, point.arm_2y
-    xt_1, yt_1 = k_xy * x_1 - k_xx * y_1, k_yy * x_1 - k_xy * y_1
-    xt_2, yt_2 = k_xy * x_2 - k_xx * y_2, k_yy * x_2 - k_xy * y_2
-    if row_1 >= 0:
-        _add_own(matrix, row_1, k_xx, k_xy, k_yy, xt_1, yt_1, x_1 * yt_1 - y_1 * xt_1 + k_tt)
-        right[row_1] += force_x
-        right[row_1 + 1] += force_y
-        right[row_1 + 2] += x_1 * force_y - y_1 * force_x + torque
-    if row_2 >= 0:
-        _add_own(matrix, row_2, k_xx, k_xy, k_yy, xt_2, yt_2, x_2 * yt_2 - y_2 * xt_2 + k_tt)
-        right[row_2] -= force_x
-        right[row_2 + 1] -= force_y
-        right[row_2 + 2] -= x_2 * force_y - y_2 * force_x + torque
-    if row_1 >= 0 and row_2 >= 0:
-        tt = x_1 * yt_2 - y_1 * xt_2 + k_tt
-        # Rows of the first node, columns of the second; the lower triangle may hold it turned round.
-        if row_1 > row_2:
-            _add_between(matrix, row_1, row_2, k_xx, k_xy, xt_2, k_xy, k_yy, yt_2, xt_1, yt_1, tt)
-        else:
-            _add_between(matrix, row_2, row_1, k_xx, k_xy, xt_1, k_xy, k_yy, yt_1, xt_2, yt_2, tt)
-
-
-@compiled
-def _add_own(matrix, row, xx, xy, yy, xt, yt, tt):
-    matrix[row, row] += xx
-    matrix[row + 1, row] += xy
-    matrix[row + 1, row + 1] += yy
-    matrix[row + 2, row] += xt
-    matrix[row + 2, row + 1] += yt
-    matrix[row + 2, row + 2] += tt
-
-
-@compiled
-def _add_between(matrix, row, column, xx, xy, xt, yx, yy, yt, tx, ty, tt):
-    matrix[row, column] -= xx
-    matrix[row, column + 1] -= xy
-    matrix[row, column + 2] -= xt
-    matrix[row + 1, column] -= yx
-    matrix[row + 1, column + 1] -= yy
-    matrix[row + 1, column + 2] -= yt
-    matrix[row + 2, column] -= tx
-    matrix[row + 2, column + 1] -= ty
-    matrix[row + 2, column + 2] -= tt
-
-
-@compiled
 def _direction(graph, counts, system, unknowns):
     """Newton's direction, by factors L D L^T within the envelope; return the energy's slope along it."""
     matrix, first, right = system.matrix, system.first, system.right
@@ -393,68 +138,17 @@ def _flat_length(graph, counts, system, slip, falling):
         x, y, _ = relative(contact, system.direction)
         contact.parting = x * contact.normal_x + y * contact.normal_y
         contact.slipping = y * contact.normal_x - x * contact.normal_y
-    above = _slope(graph, counts, system, slip, 1.0)
+    above = slope(graph, counts, system, slip, 1.0)
     if above <= 0.0:
         return 1.0
     low, high, below = 0.0, 1.0, falling
     for _ in range(BRACKETINGS):
         share = min(max(-below / max(above - below, TINY), LEAST_INSIDE), MOST_INSIDE)
         middle = low + share * (high - low)
-        now = _slope(graph, counts, system, slip, middle)
+        now = slope(graph, counts, system, slip, middle)
         if now <= 0.0:
             low, below = middle, now
         else:
             high, above = middle, now
     share = min(max(-below / max(above - below, TINY), 0.0), 1.0)
     return low + share * (high - low)
-
-
-@compiled
-def _slope(graph, counts, system, slip, length):
-    """Slope of the energy at a length along the direction; friction's normal forces are held."""
-    total = 0.0
-    for k in range(counts.nodes):
-        node = graph.nodes[k]
-        if node.row < 0:
-            continue
-        inertia = node.mass * node.inertia
-        d_x, d_y, d_turn = system.direction[k]
-        total += inertia * d_x * (system.twist[k, 0] + length * d_x - node.last_x)
-        total += inertia * d_y * (system.twist[k, 1] + length * d_y - node.last_y)
-        total += inertia * node.gyration * d_turn * (system.twist[k, 2] + length * d_turn - node.last_turn)
-    if counts.drive > 0.0:
-        lag, across, turn = lag_of(graph.nodes[0], counts, system.twist)
-        d_x, d_y, d_turn = system.direction[0, 0], system.direction[0, 1], system.direction[0, 2]
-        d_lag, d_across = d_x * counts.axis_x + d_y * counts.axis_y, d_y * counts.axis_x - d_x * counts.axis_y
-        lag += length * d_lag
-        total += counts.limit * lag * d_lag / math.sqrt(lag * lag + slip * slip)
-        total += JOINT_STIFFNESS * ((across + length * d_across) * d_across + (turn + length * d_turn) * d_turn)
-    for k in range(counts.feet):
-        foot = graph.feet[k]
-        x, y, turn = foot_motion(foot, system.twist)
-        d_x, d_y, d_turn = foot_motion(foot, system.direction)
-        x, y, turn = x + length * d_x, y + length * d_y, turn + length * d_turn
-        squared = x * x + y * y + turn * turn + slip * slip
-        total += foot.weight * (x * d_x + y * d_y + turn * d_turn) / math.sqrt(squared)
-    for k in range(counts.contacts):
-        contact = graph.contacts[k]
-        if contact.grip > 0.0:
-            now = contact.slip + length * contact.slipping
-            total += contact.grip * now * contact.slipping / math.sqrt(now * now + slip * slip)
-        total -= contact.stiffness * max(contact.depth - length * contact.parting, 0.0) * contact.parting
-    for k in range(counts.joints):
-        joint = graph.joints[k]
-        x, y, turn = relative(joint, system.twist)
-        d_x, d_y, d_turn = relative(joint, system.direction)
-        x, y, turn = x + length * d_x, y + length * d_y, turn + length * d_turn
-        drift_x, drift_y = joint.drift_x + x, joint.drift_y + y
-        if joint.revolute:
-            limit, _ = _limit(joint, turn)
-            total += JOINT_STIFFNESS * (drift_x * d_x + drift_y * d_y) + limit * d_turn
-        else:
-            a_x, a_y = joint.axis_x, joint.axis_y
-            limit, _ = _limit(joint, x * a_x + y * a_y)
-            across = drift_y * a_x - drift_x * a_y
-            total += JOINT_STIFFNESS * across * (d_y * a_x - d_x * a_y) + limit * (d_x * a_x + d_y * a_y)
-            total += JOINT_STIFFNESS * (joint.turn + turn) * d_turn
-    return total

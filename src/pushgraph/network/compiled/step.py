@@ -11,10 +11,11 @@ from jaxtyping import Float, Int
 from pushgraph.graph.contact_features import CLAMP
 from pushgraph.graph.state import Control, State
 from pushgraph.network import newton
-from pushgraph.network.compiled.arrays import Scenes, arrays_of, room_for
+from pushgraph.network.compiled.arrays import Scenes, arrays_of, room_for, room_for_system
+from pushgraph.network.compiled.energy import lag_of, measure
 from pushgraph.network.compiled.graph import LEVER, build
 from pushgraph.network.compiled.jit import compiled
-from pushgraph.network.compiled.newton import lag_of, measure, room_for_system, solve
+from pushgraph.network.compiled.newton import solve
 from pushgraph.network.contact_problem import CONTACT_STATE, FARTHEST
 
 SHARE = 16
