@@ -6,14 +6,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pushgraph.graph.broad_phase import node_shapes
+from pushgraph.graph.broad_phase import SLIDER_GAP, node_shapes
+from pushgraph.graph.scene_batch import Relations, pairs_of
 from pushgraph.graph.state import Control, State
 
 
 class Scenes(NamedTuple):
     """Fields of State, SceneBatch, Relations and Control, the scenes first; see there for shapes and units.
 
-    half_extents, radius: of bodies, then of the tool's parts.
+    half_extents, radius: of bodies, then of the tool's parts. Links: pairs that may share an edge however far apart,
+    from both ends; those of a body begin at link_begin[scene * bodies + body]. link_keep: gap (m) up to which they do.
     """
 
     poses: np.ndarray
@@ -35,9 +37,10 @@ class Scenes(NamedTuple):
     part_present: np.ndarray
     pose_tool_from_part: np.ndarray
     tool_radius: np.ndarray
+    link_begin: np.ndarray
+    link_body: np.ndarray
+    link_keep: np.ndarray
     kind: np.ndarray
-    known: np.ndarray
-    remembered: np.ndarray
     anchor_a: np.ndarray
     anchor_b: np.ndarray
     yaw_offset: np.ndarray
@@ -53,7 +56,7 @@ class Scenes(NamedTuple):
 
 def arrays_of(state: State, control: Control) -> Scenes:
     """The arrays of a state and of what the tool does next."""
-    scenes = state.scenes
+    scenes, relations = state.scenes, state.relations
     of_steps = (
         torch.as_tensor(values, dtype=torch.float64).expand(len(state.poses))
         for values in (control.frames, control.last_frames, control.force_limit)
@@ -67,9 +70,33 @@ def arrays_of(state: State, control: Control) -> Scenes:
         _array(state.motions),
         float(state.still),
         *(_array(values) for values in (*of_scenes, *shapes, *scenes.feet, *of_tables, *of_tools)),
-        *(_array(values) for values in state.relations),
+        *links_of(relations, state.poses.shape[1]),
+        *(_array(values) for values in (relations.kind, relations.anchor_a, relations.anchor_b)),
+        *(_array(values) for values in (relations.yaw_offset, relations.axis, relations.limits)),
         *(_array(values) for values in (control.pose, control.motion, control.down, *of_steps)),
     )
+
+
+def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the links of each body of each scene begin, their other ends, and up to which gap they hold (m)."""
+    global _last_links
+    if _last_links[0] is relations:
+        return _last_links[1]
+    may_slide = relations.remembered & ~relations.known
+    scene, pair = ((relations.kind > 0) | may_slide).nonzero(as_tuple=True)
+    a, b = pairs_of(bodies)[:, pair]
+    keep = torch.where(relations.kind[scene, pair] > 0, torch.inf, SLIDER_GAP).double().repeat(2)
+    first, second = torch.cat((a, b)), torch.cat((b, a))
+    row, order = (scene.repeat(2) * bodies + first).sort(stable=True)
+    counts = row.bincount(minlength=len(relations.kind) * bodies)
+    begin = torch.cat((counts.new_zeros(1), counts.cumsum(0)))
+    links = tuple(_array(values) for values in (begin, second[order], keep[order]))
+    _last_links = relations, links
+    return links
+
+
+_last_links: tuple[Relations | None, tuple[np.ndarray, ...]] = (None, ())
+"""Those of the last call: the relations of a rollout rarely change from step to step."""
 
 
 def _array(values: Tensor) -> np.ndarray:
@@ -83,10 +110,10 @@ BODY = np.dtype(
     [(name, np.int64) for name in ("present", "immovable", "slides", "group", "piece")]
     + [(name, np.float64) for name in ("half_x", "half_y", "radius", "circle", "mass", "com_x", "com_y", "gyration")]
     + [(name, np.float64) for name in ("start_x", "start_y", "start_yaw", "x", "y", "yaw")]
-    + [(name, np.float64) for name in ("motion_x", "motion_y", "motion_yaw")]
+    + [(name, np.float64) for name in ("motion_x", "motion_y", "motion_yaw", "keep")]
 )
 """A body, or a part of the tool. slides: whether it moves already. piece: its node, -1 if it has none. circle: radius
-of the one around it. x, y, yaw: in the middle of the step."""
+of the one around it. x, y, yaw: in the middle of the step. keep: of its link with the body that is looked at."""
 NODE = np.dtype(
     [(name, np.int64) for name in ("begin", "end", "row", "given", "is_tool")]
     + [(name, np.float64) for name in ("mass", "gyration", "x", "y", "start_x", "start_y")]

@@ -13,7 +13,7 @@ from pushgraph.network.compiled.arrays import Graph, Scenes
 from pushgraph.network.compiled.contact import contact_of
 from pushgraph.network.compiled.jit import compiled
 
-LEVER, SLIDER_GAP, PASSED = broad_phase.LEVER, broad_phase.SLIDER_GAP, contact_graph.PASSED
+LEVER, PASSED = broad_phase.LEVER, contact_graph.PASSED
 FIXED = JOINT_CODES["fixed"]
 
 
@@ -32,7 +32,7 @@ def place_bodies(scenes: Scenes, scene: int, bodies: np.ndarray) -> float:
     for k in range(scenes.poses.shape[1]):
         body = bodies[k]
         body.present, body.immovable = scenes.present[scene, k], scenes.immovable[scene, k]
-        body.group, body.piece = scenes.group[scene, k], -1
+        body.group, body.piece, body.keep = scenes.group[scene, k], -1, -math.inf
         _set_shape(body, scenes.half_extents[scene, k], scenes.radius[scene, k])
         body.mass, body.gyration = scenes.mass[scene, k], scenes.gyration[scene, k]
         body.com_x, body.com_y = scenes.centre_of_mass[scene, k, 0], scenes.centre_of_mass[scene, k, 1]
@@ -83,7 +83,7 @@ def reach(
 ) -> tuple[int, int]:
     """Nodes and edges that chains of edges tie to what moves; none goes on beyond what cannot move."""
     bodies, kind = graph.bodies, scenes.kind[scene]
-    unknown = scenes.remembered[scene], scenes.known[scene]
+    links, link_body, link_keep = scenes.link_begin[scene * movable :], scenes.link_body, scenes.link_keep
     nodes = edges = members = 0
     if tool_moves:
         tool = graph.nodes[0]
@@ -96,7 +96,7 @@ def reach(
         nodes = 1
     for body in range(movable):
         if bodies[body].piece < 0 and bodies[body].slides:
-            members = _add_piece(kind, graph, movable, body, nodes, members)
+            members = _add_piece(kind, links, link_body, graph, movable, body, nodes, members)
             nodes += 1
     node = 0
     while node < nodes:
@@ -105,31 +105,31 @@ def reach(
             continue
         for k in range(graph.nodes[node].begin, graph.nodes[node].end):
             here = graph.member[k]
+            if here < movable:
+                for link in range(links[here], links[here + 1]):
+                    bodies[link_body[link]].keep = link_keep[link]
             for there in range(movable):
                 other = bodies[there].piece
                 # Pairs with nodes before this one are known, but for those that cannot move.
                 seen = other >= 0 and other < node and not graph.nodes[other].given
                 if other == node or seen or not bodies[there].present:
                     continue
-                a, b = min(here, there), max(here, there)
-                relation, keep = -1, -math.inf
-                if b < movable:
-                    relation = pair_of(a, b, movable)
-                    if kind[relation] > 0:
-                        keep = math.inf
-                    elif unknown[0][relation] and not unknown[1][relation]:
-                        keep = SLIDER_GAP
+                a, b, keep = min(here, there), max(here, there), bodies[there].keep
                 x, y = bodies[b].start_x - bodies[a].start_x, bodies[b].start_y - bodies[a].start_y
                 if not math.sqrt(x * x + y * y) - (bodies[a].circle + bodies[b].circle) < max(keep, widest):
                     continue
                 edge = graph.edges[edges]
                 if not _set_edge(edge, bodies[a], bodies[b], keep, widest):
                     continue
-                edge.first_body, edge.second_body, edge.relation = a, b, relation
+                edge.first_body, edge.second_body = a, b
+                edge.relation = pair_of(a, b, movable) if b < movable else -1
                 edges += 1
                 if other < 0:
-                    members = _add_piece(kind, graph, movable, there, nodes, members)
+                    members = _add_piece(kind, links, link_body, graph, movable, there, nodes, members)
                     nodes += 1
+            if here < movable:
+                for link in range(links[here], links[here + 1]):
+                    bodies[link_body[link]].keep = -math.inf
         node += 1
     for k in range(edges):
         edge = graph.edges[k]
@@ -139,7 +139,7 @@ def reach(
 
 
 @compiled
-def _add_piece(kind, graph, movable, body, node, members):
+def _add_piece(kind, links, link_body, graph, movable, body, node, members):
     """Make a node of the bodies that move as one with a body."""
     bodies = graph.bodies
     begin, given = members, 0
@@ -153,7 +153,13 @@ def _add_piece(kind, graph, movable, body, node, members):
         for there in range(movable):
             if bodies[there].piece >= 0 or not bodies[there].present:
                 continue
-            if bodies[there].group == bodies[here].group or kind[pair_of(here, there, movable)] == FIXED:
+            if bodies[there].group == bodies[here].group:
+                graph.member[members] = there
+                bodies[there].piece = node
+                members += 1
+        for link in range(links[here], links[here + 1]):
+            there = link_body[link]
+            if bodies[there].piece < 0 and kind[pair_of(here, there, movable)] == FIXED:
                 graph.member[members] = there
                 bodies[there].piece = node
                 members += 1
