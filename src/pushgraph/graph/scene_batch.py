@@ -230,7 +230,7 @@ def remember(
 
     moved: bodies that moved since this was last asked, if it was; pairs of others are as far apart as they were.
     """
-    if bool(relations.known.all()):
+    if _all_known(relations.known):
         return relations
     a, b = ends = pairs_of(poses.shape[1], poses.device)
     # What is not there is infinitely far from everything.
@@ -269,6 +269,17 @@ def remember(
         anchor_b=put(relations.anchor_b, anchor_b),
         yaw_offset=put(relations.yaw_offset, pose_b[:, 2] - pose_a[:, 2]),
     )
+
+
+def _all_known(known: Bool[Tensor, "batch pairs"]) -> bool:
+    """Whether every pair is known; asked once of the same tensor, step after step of a rollout."""
+    global _last_known
+    if _last_known[0] is not known:
+        _last_known = known, bool(known.all())
+    return _last_known[1]
+
+
+_last_known: tuple[Tensor | None, bool] = (None, False)
 
 
 def _boxes(scenes: SceneBatch, scene: Tensor, body: Tensor) -> RoundedBox:

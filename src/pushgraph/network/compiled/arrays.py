@@ -14,8 +14,9 @@ from pushgraph.graph.state import Control, State
 class Scenes(NamedTuple):
     """Fields of State, SceneBatch, Relations and Control, the scenes first; see there for shapes and units.
 
-    half_extents, radius: of bodies, then of the tool's parts. Links: pairs that may share an edge however far apart,
-    from both ends; those of a body begin at link_begin[scene * bodies + body]. link_keep: gap (m) up to which they do.
+    half_extents, radius, circle (around them): of bodies, then of the tool's parts. Links: pairs that may share an edge
+    however far apart, from both ends; those of a body begin at link_begin[scene * bodies + body]. link_keep: gap (m) up
+    to which they do.
     """
 
     poses: np.ndarray
@@ -29,6 +30,7 @@ class Scenes(NamedTuple):
     gyration: np.ndarray
     half_extents: np.ndarray
     radius: np.ndarray
+    circle: np.ndarray
     feet_points: np.ndarray
     feet_shares: np.ndarray
     feet_radii: np.ndarray
@@ -65,11 +67,12 @@ def arrays_of(state: State, control: Control) -> Scenes:
     of_tables = (scenes.table_friction, scenes.side_friction)
     of_tools = (scenes.part_present, scenes.pose_tool_from_part, scenes.tool_radius)
     shapes = node_shapes(scenes)
+    circle = shapes.half_extents.norm(dim=-1) + shapes.radius
     return Scenes(
         _array(state.poses),
         _array(state.motions),
         float(state.still),
-        *(_array(values) for values in (*of_scenes, *shapes, *scenes.feet, *of_tables, *of_tools)),
+        *(_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)),
         *links_of(relations, state.poses.shape[1]),
         *(_array(values) for values in (relations.kind, relations.anchor_a, relations.anchor_b)),
         *(_array(values) for values in (relations.yaw_offset, relations.axis, relations.limits)),
@@ -107,13 +110,12 @@ def _array(values: Tensor) -> np.ndarray:
 
 
 BODY = np.dtype(
-    [(name, np.int64) for name in ("present", "immovable", "slides", "group", "piece")]
-    + [(name, np.float64) for name in ("half_x", "half_y", "radius", "circle", "mass", "com_x", "com_y", "gyration")]
+    [(name, np.int64) for name in ("present", "immovable")]
+    + [(name, np.float64) for name in ("half_x", "half_y", "radius", "mass", "com_x", "com_y", "gyration")]
     + [(name, np.float64) for name in ("start_x", "start_y", "start_yaw", "x", "y", "yaw")]
-    + [(name, np.float64) for name in ("motion_x", "motion_y", "motion_yaw", "keep")]
+    + [(name, np.float64) for name in ("motion_x", "motion_y", "motion_yaw")]
 )
-"""A body, or a part of the tool. slides: whether it moves already. piece: its node, -1 if it has none. circle: radius
-of the one around it. x, y, yaw: in the middle of the step. keep: of its link with the body that is looked at."""
+"""A body, or a part of the tool. x, y, yaw: in the middle of the step."""
 NODE = np.dtype(
     [(name, np.int64) for name in ("begin", "end", "row", "given", "is_tool")]
     + [(name, np.float64) for name in ("mass", "gyration", "x", "y", "start_x", "start_y")]
@@ -150,10 +152,15 @@ JOINT = np.dtype(
 class Graph(NamedTuple):
     """Room for the graph of one scene, used for one after the other.
 
-    bodies: those of the scene, then the tool's parts. member: see NODE.
+    bodies: those of the scene, then the tool's parts. member: see NODE. Of each body: slides, whether it moves already;
+    placed, whether it is filled in; piece, its node, -1 if it has none; keep, of its link with the body in question.
     """
 
     bodies: np.ndarray
+    slides: np.ndarray
+    placed: np.ndarray
+    piece: np.ndarray
+    keep: np.ndarray
     nodes: np.ndarray
     member: np.ndarray
     feet: np.ndarray
@@ -184,6 +191,10 @@ def room_for(scenes: Scenes) -> Graph:
     edges = bodies * (bodies - 1) // 2 + bodies * (nodes - bodies)
     return Graph(
         np.zeros(nodes, BODY),
+        np.empty(bodies, np.bool_),
+        np.empty(bodies, np.bool_),
+        np.empty(bodies, np.int64),
+        np.empty(bodies),
         np.empty(bodies + 1, NODE),
         np.empty(nodes, np.int64),
         np.empty(bodies * scenes.feet_shares.shape[2], FOOT),

@@ -7,7 +7,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import STILL
 from pushgraph.network.compiled.arrays import Counts, Graph, Scenes
 from pushgraph.network.compiled.jit import compiled
-from pushgraph.network.compiled.reach import LEVER, place_bodies, place_tool, reach
+from pushgraph.network.compiled.reach import LEVER, fastest, place_tool, reach
 from pushgraph.track import FRAME
 
 MARGIN, LENGTHS_CLOSED = broad_phase.MARGIN, broad_phase.LENGTHS_CLOSED
@@ -22,17 +22,15 @@ def build(scenes: Scenes, scene: int, graph: Graph) -> Counts:
     if scenes.tool_down[scene]:
         travel = math.hypot(scenes.tool_motion[scene, 0], scenes.tool_motion[scene, 1])
         travel += abs(scenes.tool_motion[scene, 2]) * scenes.tool_radius[scene]
-    fastest = place_bodies(scenes, scene, graph.bodies)
-    length = max(travel, fastest * scenes.frames[scene])
+    length = max(travel, fastest(scenes, scene, graph) * scenes.frames[scene])
     if length <= 0.0:
         return Counts(0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    movable = scenes.poses.shape[1]
-    place_tool(scenes, scene, graph.bodies[movable:])
+    place_tool(scenes, scene, graph.bodies[scenes.poses.shape[1] :])
     way_x, way_y = scenes.tool_motion[scene, 0], scenes.tool_motion[scene, 1]
     drive, limit = 0.0, scenes.force_limit[scene]
     if travel > STILL and limit < math.inf:
         drive = math.sqrt(way_x * way_x + way_y * way_y)
-    nodes, edges = reach(scenes, scene, graph, movable, travel > STILL, MARGIN + LENGTHS_CLOSED * length)
+    nodes, edges = reach(scenes, scene, graph, travel > STILL, MARGIN + LENGTHS_CLOSED * length)
     could_push = limit / (GRAVITY * scenes.table_friction[scene]) if drive > 0.0 else 0.0
     feet, total = _weigh(scenes, scene, graph, nodes, length, could_push)
     contacts = _contacts(scenes.kind[scene], scenes.side_friction[scene], graph, edges, length)

@@ -26,28 +26,40 @@ def pair_of(a: int, b: int, bodies: int) -> int:
 
 
 @compiled
-def place_bodies(scenes: Scenes, scene: int, bodies: np.ndarray) -> float:
-    """Fill in the bodies; return how far the fastest point of those that slide goes in a frame (m)."""
-    half, fastest = scenes.frames[scene] / 2, 0.0
+def fastest(scenes: Scenes, scene: int, graph: Graph) -> float:
+    """How far the fastest point of the bodies that slide goes in a frame (m); nobody has a node yet."""
+    farthest = 0.0
     for k in range(scenes.poses.shape[1]):
-        body = bodies[k]
-        body.present, body.immovable = scenes.present[scene, k], scenes.immovable[scene, k]
-        body.group, body.piece, body.keep = scenes.group[scene, k], -1, -math.inf
-        _set_shape(body, scenes.half_extents[scene, k], scenes.radius[scene, k])
-        body.mass, body.gyration = scenes.mass[scene, k], scenes.gyration[scene, k]
-        body.com_x, body.com_y = scenes.centre_of_mass[scene, k, 0], scenes.centre_of_mass[scene, k, 1]
-        body.start_x, body.start_y = scenes.poses[scene, k, 0], scenes.poses[scene, k, 1]
-        body.start_yaw = scenes.poses[scene, k, 2]
-        body.motion_x, body.motion_y = scenes.motions[scene, k, 0], scenes.motions[scene, k, 1]
-        body.motion_yaw = scenes.motions[scene, k, 2]
-        ahead = 0.0 if body.immovable else half
-        body.x, body.y = body.start_x + ahead * body.motion_x, body.start_y + ahead * body.motion_y
-        body.yaw = body.start_yaw + ahead * body.motion_yaw
-        speed = math.sqrt(body.motion_x * body.motion_x + body.motion_y * body.motion_y) + LEVER * abs(body.motion_yaw)
-        body.slides = body.present and not body.immovable and speed > scenes.still
-        if body.slides:
-            fastest = max(fastest, speed)
-    return fastest
+        graph.piece[k], graph.placed[k], graph.keep[k] = -1, False, -math.inf
+        graph.slides[k] = False
+        x, y, turn = scenes.motions[scene, k, 0], scenes.motions[scene, k, 1], scenes.motions[scene, k, 2]
+        if x == 0.0 and y == 0.0 and turn == 0.0:
+            continue
+        speed = math.sqrt(x * x + y * y) + LEVER * abs(turn)
+        if speed > scenes.still and scenes.present[scene, k] and not scenes.immovable[scene, k]:
+            graph.slides[k] = True
+            farthest = max(farthest, speed)
+    return farthest
+
+
+@compiled
+def _place_body(scenes, scene, graph, k):
+    """Fill in a body, if it is not yet."""
+    if graph.placed[k]:
+        return
+    graph.placed[k] = True
+    body = graph.bodies[k]
+    body.immovable = scenes.immovable[scene, k]
+    _set_shape(body, scenes.half_extents[scene, k], scenes.radius[scene, k])
+    body.mass, body.gyration = scenes.mass[scene, k], scenes.gyration[scene, k]
+    body.com_x, body.com_y = scenes.centre_of_mass[scene, k, 0], scenes.centre_of_mass[scene, k, 1]
+    body.start_x, body.start_y = scenes.poses[scene, k, 0], scenes.poses[scene, k, 1]
+    body.start_yaw = scenes.poses[scene, k, 2]
+    body.motion_x, body.motion_y = scenes.motions[scene, k, 0], scenes.motions[scene, k, 1]
+    body.motion_yaw = scenes.motions[scene, k, 2]
+    ahead = 0.0 if body.immovable else scenes.frames[scene] / 2
+    body.x, body.y = body.start_x + ahead * body.motion_x, body.start_y + ahead * body.motion_y
+    body.yaw = body.start_yaw + ahead * body.motion_yaw
 
 
 @compiled
@@ -74,29 +86,29 @@ def place_tool(scenes: Scenes, scene: int, parts: np.ndarray) -> None:
 @compiled
 def _set_shape(body, half_extents, radius):
     body.half_x, body.half_y, body.radius = half_extents[0], half_extents[1], radius
-    body.circle = math.sqrt(body.half_x * body.half_x + body.half_y * body.half_y) + radius
 
 
 @compiled
 def reach(
-    scenes: Scenes, scene: int, graph: Graph, movable: int, tool_moves: bool, widest: float
+    scenes: Scenes, scene: int, graph: Graph, tool_moves: bool, widest: float
 ) -> tuple[int, int]:
     """Nodes and edges that chains of edges tie to what moves; none goes on beyond what cannot move."""
-    bodies, kind = graph.bodies, scenes.kind[scene]
+    movable = scenes.poses.shape[1]
     links, link_body, link_keep = scenes.link_begin[scene * movable :], scenes.link_body, scenes.link_keep
+    present, poses, circle = scenes.present[scene], scenes.poses[scene], scenes.circle[scene]
     nodes = edges = members = 0
     if tool_moves:
         tool = graph.nodes[0]
         tool.begin, tool.given, tool.is_tool = 0, 1, 1
-        for part in range(movable, len(bodies)):
-            if bodies[part].present:
+        for part in range(movable, len(graph.bodies)):
+            if graph.bodies[part].present:
                 graph.member[members] = part
                 members += 1
         tool.end = members
         nodes = 1
     for body in range(movable):
-        if bodies[body].piece < 0 and bodies[body].slides:
-            members = _add_piece(kind, links, link_body, graph, movable, body, nodes, members)
+        if graph.slides[body] and graph.piece[body] < 0:
+            members = _add_piece(scenes, scene, graph, body, nodes, members)
             nodes += 1
     node = 0
     while node < nodes:
@@ -105,67 +117,70 @@ def reach(
             continue
         for k in range(graph.nodes[node].begin, graph.nodes[node].end):
             here = graph.member[k]
+            x, y = graph.bodies[here].start_x, graph.bodies[here].start_y
             if here < movable:
                 for link in range(links[here], links[here + 1]):
-                    bodies[link_body[link]].keep = link_keep[link]
+                    graph.keep[link_body[link]] = link_keep[link]
             for there in range(movable):
-                other = bodies[there].piece
+                apart_x, apart_y = poses[there, 0] - x, poses[there, 1] - y
+                reached = max(graph.keep[there], widest) + circle[here] + circle[there]
+                if not apart_x * apart_x + apart_y * apart_y < reached * reached or reached <= 0.0:
+                    continue
+                other = graph.piece[there]
                 # Pairs with nodes before this one are known, but for those that cannot move.
                 seen = other >= 0 and other < node and not graph.nodes[other].given
-                if other == node or seen or not bodies[there].present:
+                if other == node or seen or not present[there]:
                     continue
-                a, b, keep = min(here, there), max(here, there), bodies[there].keep
-                x, y = bodies[b].start_x - bodies[a].start_x, bodies[b].start_y - bodies[a].start_y
-                if not math.sqrt(x * x + y * y) - (bodies[a].circle + bodies[b].circle) < max(keep, widest):
-                    continue
+                _place_body(scenes, scene, graph, there)
+                a, b = min(here, there), max(here, there)
                 edge = graph.edges[edges]
-                if not _set_edge(edge, bodies[a], bodies[b], keep, widest):
+                if not _set_edge(edge, graph.bodies[a], graph.bodies[b], graph.keep[there], widest):
                     continue
                 edge.first_body, edge.second_body = a, b
                 edge.relation = pair_of(a, b, movable) if b < movable else -1
                 edges += 1
                 if other < 0:
-                    members = _add_piece(kind, links, link_body, graph, movable, there, nodes, members)
+                    members = _add_piece(scenes, scene, graph, there, nodes, members)
                     nodes += 1
             if here < movable:
                 for link in range(links[here], links[here + 1]):
-                    bodies[link_body[link]].keep = -math.inf
+                    graph.keep[link_body[link]] = -math.inf
         node += 1
     for k in range(edges):
         edge = graph.edges[k]
-        edge.first = bodies[edge.first_body].piece
-        edge.second = bodies[edge.second_body].piece if edge.second_body < movable else 0
+        edge.first = graph.piece[edge.first_body]
+        edge.second = graph.piece[edge.second_body] if edge.second_body < movable else 0
     return nodes, edges
 
 
 @compiled
-def _add_piece(kind, links, link_body, graph, movable, body, node, members):
+def _add_piece(scenes, scene, graph, body, node, members):
     """Make a node of the bodies that move as one with a body."""
-    bodies = graph.bodies
+    movable, group, piece = scenes.poses.shape[1], scenes.group[scene], graph.piece
+    links, link_body = scenes.link_begin[scene * movable :], scenes.link_body
     begin, given = members, 0
     graph.member[members] = body
-    bodies[body].piece = node
+    piece[body] = node
     members += 1
     k = begin
     while k < members:
         here = graph.member[k]
-        given |= bodies[here].immovable
+        _place_body(scenes, scene, graph, here)
+        given |= graph.bodies[here].immovable
         for there in range(movable):
-            if bodies[there].piece >= 0 or not bodies[there].present:
-                continue
-            if bodies[there].group == bodies[here].group:
+            if group[there] == group[here] and piece[there] < 0 and scenes.present[scene, there]:
                 graph.member[members] = there
-                bodies[there].piece = node
+                piece[there] = node
                 members += 1
         for link in range(links[here], links[here + 1]):
             there = link_body[link]
-            if bodies[there].piece < 0 and kind[pair_of(here, there, movable)] == FIXED:
+            if piece[there] < 0 and scenes.kind[scene, pair_of(here, there, movable)] == FIXED:
                 graph.member[members] = there
-                bodies[there].piece = node
+                piece[there] = node
                 members += 1
         k += 1
-    piece = graph.nodes[node]
-    piece.begin, piece.end, piece.given, piece.is_tool = begin, members, given, 0
+    added = graph.nodes[node]
+    added.begin, added.end, added.given, added.is_tool = begin, members, given, 0
     return members
 
 
