@@ -47,7 +47,7 @@ weights: data
 
 data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
-	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 800 --seed 0 --out $(DATA)/parts.h5
+	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 2400 --seed 0 --out $(DATA)/parts.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 
 weights-contact: data
@@ -58,8 +58,8 @@ weights-propnet: data
 	  --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
 
 weights-belief: data
-	$(BELIEF) $(PARTS) --frames 100 --samples 900000 --learning-rate 3e-3 --out $(CACHE)/belief-1.safetensors
-	$(BELIEF) $(PARTS) --frames 100 --samples 320000 --learning-rate 1.5e-3 --seed 1 \
+	$(BELIEF) $(PARTS) --frames 100 --samples 1300000 --learning-rate 3e-3 --out $(CACHE)/belief-1.safetensors
+	$(BELIEF) $(PARTS) --frames 100 --samples 2000000 --learning-rate 1.5e-3 --seed 1 \
 	  --start-from $(CACHE)/belief-1.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
