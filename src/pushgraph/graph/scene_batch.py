@@ -274,9 +274,11 @@ def remember(
 def _all_known(known: Bool[Tensor, "batch pairs"]) -> bool:
     """Whether every pair is known; asked once of the same tensor, step after step of a rollout."""
     global _last_known
-    if _last_known[0] is not known:
-        _last_known = known, bool(known.all())
-    return _last_known[1]
+    asked, answer = _last_known  # at once: other threads may come in between
+    if asked is not known:
+        answer = bool(known.all())
+        _last_known = known, answer
+    return answer
 
 
 _last_known: tuple[Tensor | None, bool] = (None, False)

@@ -68,23 +68,20 @@ def arrays_of(state: State, control: Control) -> Scenes:
     of_tools = (scenes.part_present, scenes.pose_tool_from_part, scenes.tool_radius)
     shapes = node_shapes(scenes)
     circle = shapes.half_extents.norm(dim=-1) + shapes.radius
-    return Scenes(
-        _array(state.poses),
-        _array(state.motions),
-        float(state.still),
-        *(_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)),
-        *links_of(relations, state.poses.shape[1]),
-        *(_array(values) for values in (relations.kind, relations.anchor_a, relations.anchor_b)),
-        *(_array(values) for values in (relations.yaw_offset, relations.axis, relations.limits)),
-        *(_array(values) for values in (control.pose, control.motion, control.down, *of_steps)),
-    )
+    of_joints = (relations.kind, relations.anchor_a, relations.anchor_b, relations.yaw_offset, relations.axis)
+    arrays = [_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)]
+    arrays += links_of(relations, state.poses.shape[1])
+    arrays += [_array(values) for values in (*of_joints, relations.limits)]
+    arrays += [_array(values) for values in (control.pose, control.motion, control.down, *of_steps)]
+    return Scenes(_array(state.poses), _array(state.motions), float(state.still), *arrays)
 
 
 def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the links of each body of each scene begin, their other ends, and up to which gap they hold (m)."""
     global _last_links
-    if _last_links[0] is relations:
-        return _last_links[1]
+    known, links = _last_links  # at once: other threads may come in between
+    if known is relations:
+        return links
     may_slide = relations.remembered & ~relations.known
     scene, pair = ((relations.kind > 0) | may_slide).nonzero(as_tuple=True)
     a, b = pairs_of(bodies)[:, pair]
@@ -93,12 +90,13 @@ def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray,
     row, order = (scene.repeat(2) * bodies + first).sort(stable=True)
     counts = row.bincount(minlength=len(relations.kind) * bodies)
     begin = torch.cat((counts.new_zeros(1), counts.cumsum(0)))
-    links = tuple(_array(values) for values in (begin, second[order], keep[order]))
+    links = _array(begin), _array(second[order]), _array(keep[order])
     _last_links = relations, links
     return links
 
 
-_last_links: tuple[Relations | None, tuple[np.ndarray, ...]] = (None, ())
+_NOTHING = np.zeros(0, np.int64)
+_last_links: tuple[Relations | None, tuple[np.ndarray, np.ndarray, np.ndarray]] = (None, (_NOTHING,) * 3)
 """Those of the last call: the relations of a rollout rarely change from step to step."""
 
 
