@@ -23,7 +23,7 @@ from pushgraph.simulation.setups import draw_trajectory
 @pytest.fixture(scope="module")
 def scenes() -> list[Scene]:
     """Workshops, and scenes of many kinds, pushed once."""
-    drawn = [draw_trajectory("planar", 9, 6, k).track.scene for k in range(14)]
+    drawn = [draw_trajectory("planar", 9, 6, k).track.scene for k in range(11)]
     return [scene.replace(pushes=scene.pushes[:1]) for scene in [workshop(), *drawn]]
 
 
@@ -80,7 +80,7 @@ def test_motions_and_states_of_contacts(scenes) -> None:
     state, controls = steps_of(scenes)
     dynamics = ContactDynamics().eval().requires_grad_(False)
     moved = linked = 0
-    for control in controls[:60]:
+    for control in controls[:30]:
         compiled, tensors = dynamics.foresee(state, control), by_tensors(state, control)
         np.testing.assert_allclose(compiled.motion, tensors.motion, atol=1e-8)
         np.testing.assert_array_equal(compiled.linked, tensors.linked)
@@ -88,8 +88,8 @@ def test_motions_and_states_of_contacts(scenes) -> None:
         moved += int((compiled.motion.abs() > 1e-4).any(-1).sum())
         linked += int(compiled.linked.sum())
         state = state.observe(state.poses + compiled.motion, control.frames)
-    assert moved > 300
-    assert linked > 1000
+    assert moved > 150
+    assert linked > 500
 
 
 def test_unknown_pairs_are_linked_alike(scenes) -> None:

@@ -87,14 +87,14 @@ def rollout(
     steps = plan_steps(tool, down, state.scenes.tool_radius, frames_per_step, longest, force_limit)
     limited = force_limit is not None and bool(force_limit.isfinite().any())
     poses, tool_poses = [state.poses], [tool[:, 0]]
-    held = state.scenes.immovable[..., None]
+    held = state.scenes.immovable[..., None] if bool(state.scenes.immovable.any()) else None
     lag = torch.zeros_like(state.poses[:, 0, 0])
     # Where no gradient is wanted, torch need not keep count of versions and views: a fifth of the time of few scenes.
     with contextlib.nullcontext() if torch.is_grad_enabled() else torch.inference_mode():
         for k, control in enumerate(steps.controls):
             now = steps.late(k, lag) if limited else control
             motion, done = dynamics(state, now)
-            poses.append(poses[-1] + motion.masked_fill(held, 0.0))
+            poses.append(poses[-1] + (motion if held is None else motion.masked_fill(held, 0.0)))
             state = state.observe(poses[-1], now.frames)
             if limited:
                 lag = torch.where(now.down, lag + (1 - done) * now.frames, 0.0)

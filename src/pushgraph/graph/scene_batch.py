@@ -224,11 +224,11 @@ def remember(
     relations: Relations,
     poses: Float[Tensor, "batch bodies 3"],
     adjacent_gap: float,
-    moved: Bool[Tensor, "batch bodies"] | None = None,
+    motions: Float[Tensor, "batch bodies 3"] | None = None,
 ) -> Relations:
     """Start the memory of unknown pairs that are adjacent for the first time.
 
-    moved: bodies that moved since this was last asked, if it was; pairs of others are as far apart as they were.
+    motions: of bodies since this was last asked, if it was; pairs that did not move are as far apart as they were.
     """
     if _all_known(relations.known):
         return relations
@@ -243,8 +243,8 @@ def remember(
     (x_a, x_b), (circle_a, circle_b) = of_ends(poses[..., :2]), of_ends(circle)
     apart = (x_b - x_a).norm(dim=-1) - circle_a - circle_b
     new = (apart < adjacent_gap) & ~(relations.known | relations.remembered)
-    if moved is not None:
-        new &= torch.logical_or(*of_ends(moved))
+    if motions is not None:
+        new &= torch.logical_or(*of_ends((motions != 0).any(-1)))
     scene, pair = new.nonzero(as_tuple=True)
     if not len(scene):
         return relations

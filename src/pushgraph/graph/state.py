@@ -42,8 +42,7 @@ class State(NamedTuple):
         motions = poses - self.poses
         if isinstance(frames, Tensor):
             motions = motions / frames.to(motions.dtype).clamp(min=1e-9)[:, None, None]
-        moved = (motions != 0).any(-1)
-        relations = remember(self.scenes, self.relations, poses.detach(), ADJACENT, moved)
+        relations = remember(self.scenes, self.relations, poses.detach(), ADJACENT, motions)
         return State(self.scenes, poses, motions, relations, self.still)
 
 

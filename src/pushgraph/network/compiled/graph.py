@@ -7,7 +7,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import STILL
 from pushgraph.network.compiled.arrays import Counts, Graph, Scenes
 from pushgraph.network.compiled.jit import compiled
-from pushgraph.network.compiled.reach import LEVER, fastest, place_tool, reach
+from pushgraph.network.compiled.reach import LEVER, find_sliding, place_tool, reach
 from pushgraph.track import FRAME
 
 MARGIN, LENGTHS_CLOSED = broad_phase.MARGIN, broad_phase.LENGTHS_CLOSED
@@ -22,7 +22,7 @@ def build(scenes: Scenes, scene: int, graph: Graph) -> Counts:
     if scenes.tool_down[scene]:
         travel = math.hypot(scenes.tool_motion[scene, 0], scenes.tool_motion[scene, 1])
         travel += abs(scenes.tool_motion[scene, 2]) * scenes.tool_radius[scene]
-    length = max(travel, fastest(scenes, scene, graph) * scenes.frames[scene])
+    length = max(travel, find_sliding(scenes, scene, graph) * scenes.frames[scene])
     if length <= 0.0:
         return Counts(0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
     place_tool(scenes, scene, graph.bodies[scenes.poses.shape[1] :])

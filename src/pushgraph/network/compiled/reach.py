@@ -26,8 +26,8 @@ def pair_of(a: int, b: int, bodies: int) -> int:
 
 
 @compiled
-def fastest(scenes: Scenes, scene: int, graph: Graph) -> float:
-    """How far the fastest point of the bodies that slide goes in a frame (m); nobody has a node yet."""
+def find_sliding(scenes: Scenes, scene: int, graph: Graph) -> float:
+    """Begin a graph, find the bodies that slide, and return how far their fastest point goes in a frame (m)."""
     farthest = 0.0
     for k in range(scenes.poses.shape[1]):
         graph.piece[k], graph.placed[k], graph.keep[k] = -1, False, -math.inf
