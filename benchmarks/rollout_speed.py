@@ -118,7 +118,7 @@ def final_error(predictor: PhysicsPredictor, tracks: list[Track], frames: int) -
 
 def training_seconds(predictor: PhysicsPredictor, tracks: list[Track], frames: int) -> float:
     state, poses, down = windows(tracks, frames)
-    dynamics = predictor.dynamics.requires_grad_(True)
+    dynamics = predictor.dynamics.train().requires_grad_(True)
 
     def work() -> None:
         now, predicted, loss = state, state.poses, 0.0
@@ -129,7 +129,7 @@ def training_seconds(predictor: PhysicsPredictor, tracks: list[Track], frames: i
         loss.backward()
 
     taken = seconds(work)
-    dynamics.requires_grad_(False)
+    dynamics.eval().requires_grad_(False)
     return taken
 
 
