@@ -92,6 +92,32 @@ def test_motions_and_states_of_contacts(scenes) -> None:
     assert linked > 500
 
 
+@torch.no_grad()
+@pytest.mark.parametrize("limit", [0.3, 3.0, 30.0])
+def test_tools_with_a_force_limit(limit: float, scenes, monkeypatch) -> None:
+    """Solved to rounding, but for the few steps in which iterations end before that."""
+    monkeypatch.setattr("pushgraph.network.newton.CONVERGED", 1e-9)
+    state, controls = steps_of(scenes)
+    tensors = ContactDynamics().eval().requires_grad_(False)
+    tensors._can_be_compiled = lambda *_: False
+    dynamics = ContactDynamics().eval().requires_grad_(False)
+    held_back = moved = 0
+    apart = []
+    for control in controls[:24]:
+        limited = control._replace(force_limit=torch.full_like(control.pose[:, 0], limit))
+        compiled = dynamics(state, limited)
+        each = [tensors(*one_of(state, limited, k)) for k in range(len(scenes))]
+        motion, done = (torch.cat(values) for values in zip(*each, strict=True))
+        apart.append(torch.maximum((compiled.motion - motion).abs().amax((1, 2)), (compiled.done - done).abs()))
+        held_back += int((done < 0.5).sum())
+        moved += int((motion.abs() > 1e-4).any(-1).sum())
+        state = state.observe(state.poses + compiled.motion, control.frames)
+    assert held_back > 20 if limit < 1 else moved > 50
+    differences = torch.stack(apart)
+    assert (differences < 1e-5).double().mean() > 0.98
+    assert differences.median() < 1e-9
+
+
 def test_unknown_pairs_are_linked_alike(scenes) -> None:
     hidden = [scene.replace(joints=(), unknown_pairs="unlisted") for scene in scenes if not scene.rigid_groups]
     state, controls = steps_of(hidden)

@@ -7,6 +7,7 @@ import numpy as np
 
 from pushgraph.network import contact_problem, newton
 from pushgraph.network.compiled.arrays import Counts, Graph, System
+from pushgraph.network.compiled.graph import relative_motion
 from pushgraph.network.compiled.jit import compiled
 
 STIFFNESS, JOINT_STIFFNESS = contact_problem.STIFFNESS, contact_problem.JOINT_STIFFNESS
@@ -18,8 +19,9 @@ def relative(point: Any, values: np.ndarray) -> tuple[float, float, float]:
     """How a point's second node parts from its first, x, y and turn, given rows of values of all nodes."""
     first, second = point.first, point.second
     turn_1, turn_2 = values[first, 2], values[second, 2]
-    x = values[second, 0] - point.arm_2y * turn_2 - (values[first, 0] - point.arm_1y * turn_1)
-    y = values[second, 1] + point.arm_2x * turn_2 - (values[first, 1] + point.arm_1x * turn_1)
+    x, y = relative_motion(
+        point, values[first, 0], values[first, 1], turn_1, values[second, 0], values[second, 1], turn_2
+    )
     return x, y, turn_2 - turn_1
 
 
