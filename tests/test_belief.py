@@ -18,6 +18,7 @@ from pushgraph.body import Joint
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
+from pushgraph.graph.joint_fit import JointFits, RelativeMotion
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.pair_evidence import FEATURES, FINE, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
@@ -25,7 +26,7 @@ from pushgraph.graph.state import start
 from pushgraph.network.belief_network import BELIEFS, Rows
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
-from pushgraph.scene import Scene
+from pushgraph.scene import SLIDE, SWING, Scene
 from pushgraph.shape import Cuboid
 from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import draw_trajectory
@@ -263,17 +264,32 @@ def test_believed_joints_sit_where_a_scene_puts_them() -> None:
 def test_what_was_seen_moves_a_believed_joint() -> None:
     scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0)))
     state = start(unaware(batch_scenes([scene])), torch.tensor(scene.poses_world_from_body[None]))
-    # Slides sideways, not along the line of centres.
-    slid = state.observe(torch.tensor([[[0.0, 0.0, 0.0], [0.125, 0.05, 0.0]]], dtype=torch.float64))
-    relations = believe(slid, torch.tensor([[JOINT_CODES["prismatic"]]])).relations
-    torch.testing.assert_close(relations.axis[0, 0], torch.tensor([0.0, 1.0]), atol=1e-5, rtol=0)
-    # Swings about a point far from where the two touch.
+    moved = torch.ones(1, 1, dtype=torch.bool)
+
+    def seen(places: list[list[float]]) -> JointFits:
+        fits = JointFits.begin(moved)
+        for place in places:
+            poses = torch.tensor([[[0.0, 0.0, 0.0], place]], dtype=torch.float64)
+            fits = fits.observe(RelativeMotion.of(state.relations, poses), moved)
+        return fits
+
+    # Slides sideways, not along the line of centres, so that nothing tells where it stops.
+    slid = seen([[0.125, far, 0.0] for far in np.linspace(0.0, 0.12, 30)])
+    relations = believe(state, torch.tensor([[JOINT_CODES["prismatic"]]]), slid).relations
+    torch.testing.assert_close(relations.axis[0, 0].abs(), torch.tensor([0.0, 1.0]), atol=5e-3, rtol=0)
+    assert sorted(relations.limits[0, 0].abs().tolist()) == pytest.approx([SLIDE, 0.12], abs=1e-4)
+    # Swings about a point far from where the two touch, farther than a scene's hinge does.
     pivot = np.array([0.03, 0.08])
-    swung = [*(pivot + pose.rotate(np.array([0.125, 0.0]) - pivot, 0.5)), 0.5]
-    turned = state.observe(torch.tensor([[[0.0, 0.0, 0.0], swung]], dtype=torch.float64))
-    relations = believe(turned, torch.tensor([[JOINT_CODES["revolute"]]])).relations
-    np.testing.assert_allclose(relations.anchor_a[0, 0].numpy(), pivot, atol=1e-5)
-    np.testing.assert_allclose(relations.anchor_b[0, 0].numpy(), pivot - [0.125, 0.0], atol=1e-5)
+    turns = np.linspace(0, 1.8, 30)
+    swung = seen([[*(pivot + pose.rotate(np.array([0.125, 0.0]) - pivot, turn)), turn] for turn in turns])
+    relations = believe(state, torch.tensor([[JOINT_CODES["revolute"]]]), swung).relations
+    np.testing.assert_allclose(relations.anchor_a[0, 0].numpy(), pivot, atol=2e-4)
+    np.testing.assert_allclose(relations.anchor_b[0, 0].numpy(), pivot - [0.125, 0.0], atol=2e-4)
+    assert relations.limits[0, 0].tolist() == pytest.approx([-SWING, 1.8])
+    # Turns so little that noise explains where it sits stay in the middle.
+    little = seen([[*(pose.rotate(np.array([0.125, 0.0]), turn)), turn] for turn in (0.0, 0.005, 0.01)])
+    relations = believe(state, torch.tensor([[JOINT_CODES["revolute"]]]), little).relations
+    torch.testing.assert_close(relations.anchor_a, state.relations.anchor_a)
 
 
 def triangle() -> Scene:

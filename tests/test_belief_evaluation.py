@@ -1,18 +1,29 @@
 """The suites belief and coupled: figures worked by hand, laws between the models, and what is refused."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
 from scenes import body
 from typer.testing import CliRunner
 
-from pushgraph import cli
+from pushgraph import cli, pose
 from pushgraph.body import Joint
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation import belief as belief_suite
 from pushgraph.evaluation import coupled as coupled_suite
-from pushgraph.evaluation.belief import INFORMED, NOISES, OBSERVED, PAIRS, add_noise, close, evaluate_belief
+from pushgraph.evaluation.belief import (
+    INFORMED,
+    NOISES,
+    OBSERVED,
+    PAIRS,
+    add_noise,
+    close,
+    evaluate_belief,
+    place_errors,
+)
 from pushgraph.evaluation.blocks import Block
 from pushgraph.evaluation.coupled import (
     FRAMES,
@@ -28,13 +39,16 @@ from pushgraph.evaluation.coupled import (
 from pushgraph.evaluation.metrics import CALIBRATION_BINS, RolloutError, calibration_bin, reliability
 from pushgraph.evaluation.recording import Recording, record
 from pushgraph.evaluation.results import Results
-from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs
+from pushgraph.graph.believed import joint_places
+from pushgraph.graph.joint_truth import adjacent_pairs, between_pieces, flush_pairs, touched_pairs, unaware
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes
+from pushgraph.graph.watching import first_look, look
 from pushgraph.network.belief_network import BELIEFS
 from pushgraph.network.dynamics import Advance
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
 from pushgraph.scene import Scene
+from pushgraph.shape import Cuboid
 from pushgraph.simulation.setups import Trajectory, draw_trajectory
 from pushgraph.track import Track
 
@@ -121,6 +135,43 @@ def test_chains_of_fixed_are_closed_and_what_is_joined_inside_them_is_fixed() ->
     answers = torch.tensor([[[1, 0, 0, 1, 0, 3], [1, 3, 0, 1, 0, 0]], [[0, 0, 1, 0, 0, 1], [0, 0, 0, 0, 0, 0]]])
     closed = torch.tensor([[[1, 1, 0, 1, 0, 3], [1, 1, 0, 1, 0, 0]], [[0, 1, 1, 0, 0, 1], [0, 0, 0, 0, 0, 0]]])
     assert torch.equal(close(scenes, answers), closed)
+
+
+def test_a_slider_counts_for_every_pair_of_the_pieces_that_it_joins() -> None:
+    scenes = batch_scenes([CHAIN])
+    # Pairs: ab ac ad bc bd cd. With a, b, c in one piece, all hinge on d; with b and c apart, none but c does.
+    for kind, spread in (([1, 0, 0, 1, 0, 3], [1, 1, 3, 1, 3, 3]), ([1, 0, 0, 2, 0, 3], [1, 2, 0, 2, 0, 3])):
+        assert between_pieces(scenes, torch.tensor([kind])).tolist() == [spread]
+
+
+def test_flush_are_cuboids_with_parallel_sides() -> None:
+    half = math.pi / 2
+    square = Cuboid(size=(0.1, 0.08))
+    bodies = [body("abcd"[k], 0.2 * k, 0.0, square, yaw) for k, yaw in enumerate((0.3, 0.3 + half, 0.305, 0.4))]
+    scene = Scene(bodies=(*bodies, body("e", 1.0, 0.0)))
+    # Pairs: ab ac ad ae bc bd be cd ce de.
+    found = flush_pairs(batch_scenes([scene]), torch.tensor(scene.poses_world_from_body[None]))
+    assert found.long().tolist() == [[1, 1, 0, 0, 1, 0, 0, 0, 0, 0]]
+
+
+def test_a_believed_hinge_is_as_far_off_as_it_sits() -> None:
+    pivot = np.array([0.05, 0.04])
+    hinge = Joint(kind="revolute", parent="a", child="b", anchor=tuple(pivot.tolist()))
+    scene = discs(0.01, joints=(hinge,))
+    scenes = batch_scenes([scene])
+    poses = np.tile(scene.poses_world_from_body, (40, 1, 1))
+    for frame, turn in enumerate(np.linspace(0, 0.5, 40)):
+        poses[frame, 1] = [*(pivot + pose.rotate(poses[0, 1, :2] - pivot, turn)), turn]
+    bodies = torch.from_numpy(poses[None])
+    tool, down, seen = torch.full((1, 3), 1.0).double(), torch.zeros(1, dtype=torch.bool), torch.ones(1, 2) > 0
+    view, _ = first_look(unaware(scenes), bodies[:, 0], tool, down, seen)
+    middle = place_errors(scenes.relations, joint_places(view.state, view.fits))[0]
+    assert float(middle) == pytest.approx(math.hypot(0.05 - 0.065, 0.04), abs=1e-6)
+    for frame in range(1, 40):
+        view, _ = look(view, bodies[:, frame], tool, down, seen)
+    anchor, axis = place_errors(scenes.relations, joint_places(view.state, view.fits))
+    assert float(anchor) < 3e-4
+    assert bool(axis.isnan().all())
 
 
 def test_informed_knows_what_was_touched_and_every_number_is_as_by_hand(monkeypatch) -> None:
@@ -242,15 +293,20 @@ def test_every_row_of_belief_carries_every_label_once(believed) -> None:
     wanted = {
         (model, metric, OBJECTS, observed, pairs, noise, joint)
         for model in ("belief", "paper_recipe", INFORMED)
-        for metric in ("accuracy", "accuracy_raw", "ece", "precision", "recall")
+        for metric in ("accuracy", "accuracy_raw", "accuracy_pieces", "ece", "precision", "recall")
         for observed in (10, 20, 40, 60, 80, 100, 120, 140, 160, 180, 200)
-        for pairs in ("all", "adjacent", "touched")
+        for pairs in PAIRS
         for noise in ("none", "1mm")
         for joint in (JOINT_CODES if metric in ("precision", "recall") else ("all",))
         if (model, metric) != (INFORMED, "ece")
+    } | {
+        (model, metric, OBJECTS, 200, pairs, noise, joint)
+        for model in ("belief", "paper_recipe")
+        for metric, joint in (("anchor_error_mm", "revolute"), ("axis_error_deg", "prismatic"))
+        for pairs in ("touched", "touched_anywhere", "touched_flush")
+        for noise in ("none", "1mm")
     }
     assert set(seen) == wanted
-    assert set(PAIRS) == {"all", "adjacent", "touched"}
 
 
 def test_noise_has_its_size_and_is_a_scene_s_own(tracks) -> None:
@@ -341,7 +397,7 @@ def test_a_belief_that_knows_everything_is_the_oracle_and_one_in_nothing_has_no_
     monkeypatch.setattr(coupled_suite, "STARTS", (0, 10))
     models = (("contact", "contact"), ("belief", checkpoints["belief"]))
     for scene, like in zip(predict_block(Block(OBJECTS, SEED, 0, COUNT, models)), ("oracle", "no_joint"), strict=True):
-        np.testing.assert_allclose(scene.errors["belief"], scene.errors[like], rtol=1e-3)
+        np.testing.assert_allclose(scene.errors["belief"], scene.errors[like], rtol=1e-2)
         assert not np.allclose(scene.errors["oracle"], scene.errors["no_joint"], rtol=0.1)
 
 
@@ -415,7 +471,7 @@ def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, 
     asked = []
     for name, measured in (("belief", believed), ("coupled", coupled)):
 
-        def suite(numbers, count, seed, models, workers, progress, measured=measured):
+        def suite(numbers, count, seed, models, workers, progress, measured=measured, setup=None):
             asked.append((numbers, count, seed, models, workers))
             return measured
 

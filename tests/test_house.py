@@ -34,6 +34,7 @@ ORDER = [
     "checkpoint",
     "physics",
     "belief",
+    "believed_joint",
     "regulator",
     "belief_history",
     "training",

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
 from pushgraph.errors import CheckpointError
 from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
@@ -42,21 +42,25 @@ class BeliefModel:
         self.network, self.dynamics, self.record = network, dynamics, dict(record or {})
 
     @classmethod
-    def load(cls, model: str | os.PathLike = "belief", device: str = "cpu") -> "BeliefModel":
-        """Load a shipped belief by name, or the checkpoint in a file, with the shipped physics weights below it.
+    def load(
+        cls, model: str | os.PathLike = "belief", device: str = "cpu", physics: str | os.PathLike | None = None
+    ) -> "BeliefModel":
+        """Load a shipped belief by name, or the checkpoint in a file, with the physics weights below it.
 
-        Raises CheckpointError if any part of them is not what it should be.
+        physics: their checkpoint; the shipped one by default. Raises CheckpointError if any part is not what it should
+        be.
         """
         path = shipped(str(model)) if str(model) in BELIEFS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in BELIEFS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no belief; valid: {', '.join(BELIEFS)}")
-        physics = load_checkpoint(shipped(checkpoint.network.PHYSICS))
-        if checkpoint.physics != physics.hash:
+        below = load_physics(BELIEFS[checkpoint.kind], physics)
+        if checkpoint.physics != below.hash:
             raise CheckpointError(
-                f"{path}: trained on other weights of {physics.kind} than those shipped; train it anew"
+                f"{path}: trained on other weights of {below.kind} than {physics or 'those shipped'}; name those it "
+                "was trained on, or train it anew"
             )
-        networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, physics))
+        networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
         return cls(*networks, checkpoint.record)
 
     @torch.inference_mode()
@@ -108,6 +112,17 @@ class BeliefModel:
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         answers = self.network.answer(memory, rows).softmax(-1)
         return complete(watch.view.state.scenes, answers, rows)
+
+
+def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = None) -> Checkpoint:
+    """The physics that belief networks of this kind stand on: of a file, or the shipped one.
+
+    Raises CheckpointError if the file holds another kind.
+    """
+    checkpoint = load_checkpoint(physics or shipped(network.PHYSICS))
+    if checkpoint.kind != network.PHYSICS:
+        raise CheckpointError(f"{physics}: holds {checkpoint.kind!r}; this belief stands on {network.PHYSICS!r}")
+    return checkpoint
 
 
 def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:

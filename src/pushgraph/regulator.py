@@ -10,11 +10,12 @@ from jaxtyping import Bool, Float
 
 from pushgraph import pose
 from pushgraph.belief import BeliefModel, Watch
+from pushgraph.believed_joint import BelievedJoint
 from pushgraph.body import ROBOT, Joint
 from pushgraph.contact import contact_between
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import BeliefError
-from pushgraph.graph.believed import believe
+from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import OVERLAP, Scene
@@ -96,9 +97,10 @@ class BeliefRegulator:
 
         Bodies that noise has pressed into each other are moved apart, by as much as that takes.
         """
-        state = self._watched.view.state
+        view = self._watched.view
+        state = view.state
         kind = self.model.probabilities(self._watched).argmax(-1)
-        relations = believe(state, kind).relations
+        relations = believe(state, kind, view.fits).relations
         poses = _parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
         bodies = tuple(
             body.replace(pose_world_from_body=tuple(place))
@@ -107,6 +109,22 @@ class BeliefRegulator:
         return self.original.replace(
             bodies=bodies, joints=tuple(self._joints(relations, poses)), unknown_pairs=(), pushes=()
         )
+
+    def joints(self) -> list[BelievedJoint]:
+        """Where the joints sit that are believed now: of every pair that is likelier joined than not, and not given."""
+        view, probabilities = self._watched.view, self.probabilities
+        places = joint_places(view.state, view.fits)
+        relations, poses = view.state.relations, view.state.poses[0].numpy()
+        unknown = (relations.remembered & ~relations.known)[0, : len(self.pairs)].numpy()
+        kinds = list(JOINT_CODES)
+        parents = pairs_of(self._scenes.mass.shape[1])[0].tolist()
+        return [
+            BelievedJoint.of(
+                self.pairs[row], kinds[code], float(probabilities[row, code]), places, row, poses[parents[row]]
+            )
+            for row, code in enumerate(probabilities.argmax(-1).tolist())
+            if code and unknown[row]
+        ]
 
     @property
     def _watched(self) -> Watch:

@@ -65,6 +65,9 @@ def belief(
     objects: Objects = None,
     belief: Annotated[str, typer.Option(help="Checkpoint to measure as belief.")] = "belief",
     paper_recipe: Annotated[str, typer.Option(help="Checkpoint to measure as paper_recipe.")] = "paper_recipe",
+    setup: Annotated[
+        str, typer.Option(help="multiple-parts, or jointed: half with joints anywhere.")
+    ] = "multiple-parts",
     workers: Workers = CORES,
 ) -> None:
     """Watch test scenes with `belief` and `paper_recipe`, and score what they say is joined, beside perfect inference.
@@ -73,13 +76,15 @@ def belief(
 
     `pushgraph evaluate belief --count 500 --objects 9 --out result`
 
-    `pushgraph evaluate belief --count 120 --belief my.safetensors`
+    `pushgraph evaluate belief --setup jointed --count 120 --belief my.safetensors`
     """
+    from functools import partial
+
     from pushgraph.evaluation.belief import evaluate_belief
     from pushgraph.evaluation.figures import save_belief_curves, save_reliability
 
     models = {"belief": belief, "paper_recipe": paper_recipe}
-    results, scenes = _measure(evaluate_belief, objects, count, seed, models, workers)
+    results, scenes = _measure(partial(evaluate_belief, setup=setup), objects, count, seed, models, workers)
     results.save(out / "results.json")
     save_belief_curves(results.rows, out / "curves.png")
     save_reliability(scenes, tuple(models), out / "reliability.png")
@@ -160,14 +165,19 @@ def _physics_table(results, objects: int) -> Table:
 
 def _belief_table(results, objects: int) -> Table:
     table = Table(title=f"Accuracy, {objects} objects (95 % interval over scenes in results.json)")
-    for name in ("frames", "noise", "model", "all pairs", "adjacent", "touched", "ece, adjacent"):
+    columns = ("all pairs", "adjacent", "touched", "anywhere", "flush", "ece, adjacent")
+    for name in ("frames", "noise", "model", *columns):
         table.add_column(name, justify="left" if name in ("noise", "model") else "right")
     values = {
         tuple(row[name] for name in ("observed_frames", "noise", "model", "metric", "pairs")): row["value"]
         for row in results.rows
         if row["objects"] == objects and row["observed_frames"] in (10, 40, 100, 200)
     }
-    wanted = (*(("accuracy", pairs) for pairs in ("all", "adjacent", "touched")), ("ece", "adjacent"))
+    wanted = (
+        *(("accuracy", pairs) for pairs in ("all", "adjacent", "touched")),
+        *(("accuracy_pieces", pairs) for pairs in ("touched_anywhere", "touched_flush")),
+        ("ece", "adjacent"),
+    )
     order = sorted(dict.fromkeys(key[:3] for key in values), key=lambda key: (key[0], key[1] != "none"))
     for (frames, noise), some in itertools.groupby(order, key=lambda key: key[:2]):
         table.add_section()

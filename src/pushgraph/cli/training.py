@@ -91,11 +91,14 @@ def belief(
     precision: _Precision = "float32",
     seed: _Seed = 0,
     start_from: _StartFrom = None,
+    physics: Annotated[
+        Path | None, typer.Option(help="Checkpoint of the physics below it.", show_default="the shipped one")
+    ] = None,
     processes: _Processes = CORES,
     device: _Device = "cpu",
     cache: _Cache = None,
 ) -> None:
-    """Train belief regulation on top of the shipped physics weights, which stay as they are.
+    """Train belief regulation on top of physics weights, which stay as they are.
 
     Examples:
 
@@ -118,6 +121,7 @@ def belief(
         precision=precision,
         seed=seed,
         start_from=None if start_from is None else str(start_from),
+        physics=None if physics is None else str(physics),
     )
     _conduct(training, train_belief, processes, device, cache, out, _BELIEF_COLUMNS)
 

@@ -1,5 +1,6 @@
 """The suite `belief`: what beliefs say about every pair after so many observed frames, against what is truly joined."""
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -14,14 +15,28 @@ from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
-from pushgraph.graph.joint_truth import adjacent_pairs, closed, touched_pairs, true_joints, unaware
-from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate
+from pushgraph.graph.believed import JointPlaces, joint_places
+from pushgraph.graph.joint_truth import (
+    adjacent_pairs,
+    between_pieces,
+    closed,
+    flush_pairs,
+    touched_pairs,
+    true_joints,
+    unaware,
+)
+from pushgraph.graph.scene_batch import JOINT_CODES, Relations, SceneBatch, batch_scenes, concatenate
+from pushgraph.graph.watching import View
 
 OBSERVED = (10, *range(20, 201, 20))
 """Observed frames after which beliefs are asked; a shorter trajectory keeps its last answer."""
 NOISES: dict[str, StartNoise] = {"none": StartNoise(0.0, 0.0), "1mm": CAMERA}
 """Noise on every body's pose in every frame; the robot's is exact."""
-PAIRS = ("all", "adjacent", "touched")
+PAIRS = ("all", "adjacent", "touched", "touched_anywhere", "touched_flush")
+"""Pairs that are scored by themselves. touched_anywhere: touched ones of scenes whose joints sit anywhere.
+touched_flush: touched ones of cuboids whose faces were parallel at first."""
+ANYWHERE = "joints_anywhere"
+"""Kind of the trajectories whose joints sit anywhere."""
 INFORMED = "informed"
 """Answers the truth for touched pairs, and none for the rest: what perfect inference could do."""
 
@@ -29,26 +44,40 @@ INFORMED = "informed"
 class Answers(NamedTuple):
     """What was answered about the pairs of a scene after each of OBSERVED.
 
-    likeliest: JOINT_CODES. closed: the same with the closure of fixed. top: probability of the likeliest; nothing can
-    be asked of `informed` there.
+    likeliest: JOINT_CODES. closed: the same with the closure of fixed. of_pieces: as `between_pieces` has them. top:
+    probability of the likeliest; nothing can be asked of `informed` there.
     """
 
     likeliest: Int[np.ndarray, "times pairs"]
     closed: Int[np.ndarray, "times pairs"]
+    of_pieces: Int[np.ndarray, "times pairs"]
     top: Float[np.ndarray, "times pairs"] | None
+
+
+class PlaceErrors(NamedTuple):
+    """How far believed joints sit from the true ones in the end, of every pair that could show it, else NaN.
+
+    anchor: of hinges (m). axis: of sliders (rad).
+    """
+
+    anchor: Float[np.ndarray, " pairs"]
+    axis: Float[np.ndarray, " pairs"]
 
 
 class SceneAnswers(NamedTuple):
     """What was answered about one scene, by model and noise, and what is true.
 
-    joint: true JOINT_CODES, closed. listed: the same as the scene lists them. chosen: the pairs of each of PAIRS.
+    joint: true JOINT_CODES, closed. listed: the same as the scene lists them. of_pieces: as `between_pieces` has them.
+    chosen: the pairs of each of PAIRS.
     """
 
     objects: int
     joint: Int[np.ndarray, " pairs"]
     listed: Int[np.ndarray, " pairs"]
+    of_pieces: Int[np.ndarray, " pairs"]
     chosen: dict[str, Bool[np.ndarray, "times pairs"]]
     answers: dict[tuple[str, str], Answers]
+    places: dict[tuple[str, str], PlaceErrors]
 
 
 def evaluate_belief(
@@ -58,10 +87,11 @@ def evaluate_belief(
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    setup: str = SETUP,
 ) -> tuple[Results, list[SceneAnswers]]:
     """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress)
-    protocol = {"setup": SETUP, "count": count, "seed": seed}
+    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, setup)
+    protocol = {"setup": setup, "count": count, "seed": seed}
     results = Results("belief", protocol, ("objects", "observed_frames", "pairs", "noise", "joint"))
     for number in objects:
         some = [scene for scene in scenes if scene.objects == number]
@@ -73,32 +103,46 @@ def evaluate_belief(
 
 def answer_block(block: Block) -> list[SceneAnswers]:
     """Simulate the scenes of a block, and watch them with every model."""
-    tracks = [trajectory.track for trajectory in block.draw()]
+    trajectories = block.draw()
+    tracks = [trajectory.track for trajectory in trajectories]
     longest = min(max(OBSERVED), max(len(track.times) for track in tracks))
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)
     times = torch.tensor(OBSERVED).minimum(seen.lengths[:, None]) - 1
     adjacent = adjacent_pairs(scenes, seen.bodies[:, 0])
     touched = touched_pairs(adjacent, seen.bodies)[torch.arange(len(tracks))[:, None], times]
-    subsets = torch.ones_like(touched), adjacent[:, None].expand(touched.shape), touched
+    anywhere = torch.tensor([trajectory.kind == ANYWHERE for trajectory in trajectories])[:, None, None]
+    flush = flush_pairs(scenes, seen.bodies[:, 0])[:, None]
+    subsets = (
+        *(torch.ones_like(touched), adjacent[:, None].expand(touched.shape), touched),
+        *(touched & anywhere, touched & flush),
+    )
     chosen = dict(zip(PAIRS, subsets, strict=True))
     joint, listed = true_joints(scenes), scenes.relations.kind
+    of_pieces = between_pieces(scenes, listed)
 
-    informed = torch.where(touched, listed[:, None], JOINT_CODES["none"])
-    closure = torch.where(touched, joint[:, None], JOINT_CODES["none"])
-    answers = {(INFORMED, noise): Answers(*_arrays(informed, close(scenes, closure)), None) for noise in NOISES}
+    known = [torch.where(touched, kind[:, None], JOINT_CODES["none"]) for kind in (listed, joint)]
+    informed = Answers(*_arrays(known[0], close(scenes, known[1]), _of_pieces(scenes, known[0])), None)
+    answers = {(INFORMED, noise): informed for noise in NOISES}
+    places: dict[tuple[str, str], PlaceErrors] = {}
     # All noises are watched side by side.
     noisy = concatenate([add_noise(seen, noise, block) for noise in NOISES.values()])
     watched, all_times = concatenate([scenes] * len(NOISES)), times.repeat(len(NOISES), 1)
     for name, path in block.models:
-        top, likeliest = ask(BeliefModel.load(path), unaware(watched), noisy, all_times).max(-1)
-        for noise, *told in zip(NOISES, top.chunk(len(NOISES)), likeliest.chunk(len(NOISES)), strict=True):
-            answers[name, noise] = Answers(*_arrays(told[1], close(scenes, told[1]), told[0]))
+        probabilities, end = ask(BeliefModel.load(path), unaware(watched), noisy, all_times)
+        top, likeliest = probabilities.max(-1)
+        errors = place_errors(watched.relations, joint_places(end.state, end.fits))
+        of_noises = (values.chunk(len(NOISES)) for values in (likeliest, top, *errors))
+        for noise, kind, certain, *error in zip(NOISES, *of_noises, strict=True):
+            answered = _arrays(kind, close(scenes, kind), _of_pieces(scenes, kind), certain)
+            answers[name, noise] = Answers(*answered)
+            places[name, noise] = PlaceErrors(*_arrays(*error))
     return [
         SceneAnswers(
             block.objects,
-            *_arrays(joint[k], listed[k]),
+            *_arrays(joint[k], listed[k], of_pieces[k]),
             {pairs: some[k].numpy() for pairs, some in chosen.items()},
             {key: Answers(*(None if part is None else part[k] for part in told)) for key, told in answers.items()},
+            {key: PlaceErrors(error.anchor[k], error.axis[k]) for key, error in places.items()},
         )
         for k in range(len(tracks))
     ]
@@ -106,15 +150,25 @@ def answer_block(block: Block) -> list[SceneAnswers]:
 
 def ask(
     model: BeliefModel, scenes: SceneBatch, seen: Recording, times: Int[Tensor, "batch times"]
-) -> Float[Tensor, "batch times pairs joints"]:
-    """Probabilities of all pairs after each scene's frames `times`."""
+) -> tuple[Float[Tensor, "batch times pairs joints"], View]:
+    """Probabilities of all pairs after each scene's frames `times`, and what was seen in the end."""
     wanted = set(times.flatten().tolist())
-    told = {
-        frame: model.probabilities(watched)
-        for frame, watched in enumerate(watch(model, scenes, seen))
-        if frame in wanted
-    }
-    return torch.stack([torch.stack([told[time][k] for time in row]) for k, row in enumerate(times.tolist())])
+    told = {}
+    for frame, watched in enumerate(watch(model, scenes, seen)):
+        if frame in wanted:
+            told[frame] = model.probabilities(watched)
+    at_times = [torch.stack([told[time][k] for time in row]) for k, row in enumerate(times.tolist())]
+    return torch.stack(at_times), watched.view
+
+
+def place_errors(
+    true: Relations, places: JointPlaces
+) -> tuple[Float[Tensor, "batch pairs"], Float[Tensor, "batch pairs"]]:
+    """See PlaceErrors; only of true hinges and sliders."""
+    anchor = (places.anchor_a - true.anchor_a).norm(dim=-1).double()
+    cosine = (places.axis * true.axis).sum(-1).abs().clamp(max=1)
+    hinge, slider = (true.kind == JOINT_CODES[name] for name in ("revolute", "prismatic"))
+    return torch.where(hinge, anchor, torch.nan), torch.where(slider, cosine.acos().double(), torch.nan)
 
 
 def add_noise(seen: Recording, noise: StartNoise, block: Block) -> Recording:
@@ -143,14 +197,22 @@ def certainty(
     return np.concatenate(top), np.concatenate(right)
 
 
+def _of_pieces(scenes: SceneBatch, kind: Int[Tensor, "batch times pairs"]) -> Int[Tensor, "batch times pairs"]:
+    return torch.stack([between_pieces(scenes, at_one_time) for at_one_time in kind.unbind(1)], 1)
+
+
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:
     return [tensor.numpy() for tensor in tensors]
 
 
 def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Sequence[SceneAnswers]) -> None:
     answers = [scene.answers[model, noise] for scene in scenes]
-    joint, listed = (np.stack([getattr(scene, name) for scene in scenes]) for name in ("joint", "listed"))
-    likeliest, answered = (np.stack([getattr(told, name) for told in answers]) for name in ("likeliest", "closed"))
+    joint, listed, of_pieces = (
+        np.stack([getattr(scene, name) for scene in scenes]) for name in ("joint", "listed", "of_pieces")
+    )
+    likeliest, answered, between = (
+        np.stack([getattr(told, name) for told in answers]) for name in ("likeliest", "closed", "of_pieces")
+    )
     for time, observed in enumerate(OBSERVED):
         for pairs in PAIRS:
             chosen = np.stack([scene.chosen[pairs][time] for scene in scenes])
@@ -163,9 +225,28 @@ def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Se
             everything = np.ones_like(truth, dtype=bool)
             add("accuracy", said == truth, everything)
             add("accuracy_raw", likeliest[:, time][chosen] == listed[chosen], everything)
+            add("accuracy_pieces", between[:, time][chosen] == of_pieces[chosen], everything)
             for name, code in JOINT_CODES.items():
                 add("precision", said == truth, said == code, name)
                 add("recall", said == truth, truth == code, name)
             if model != INFORMED:
                 top, right = certainty(scenes, model, noise, pairs, time)
                 results.add_calibration_error(model, top, right, scene, **labels, joint="all")
+            if model != INFORMED and pairs.startswith("touched") and observed == max(OBSERVED):
+                _add_place_rows(results, model, noise, scenes, pairs, labels)
+
+
+def _add_place_rows(
+    results: Results, model: str, noise: str, scenes: Sequence[SceneAnswers], pairs: str, labels
+) -> None:
+    """How far joints that were told right sit from the true ones, in the median."""
+    chosen = np.stack([scene.chosen[pairs][-1] for scene in scenes])
+    right = np.stack([scene.answers[model, noise].likeliest[-1] == scene.listed for scene in scenes])
+    for metric, unit, scale, name in (
+        ("anchor_error_mm", "mm", 1e3, "anchor"),
+        ("axis_error_deg", "degree", math.degrees(1), "axis"),
+    ):
+        errors = np.stack([getattr(scene.places[model, noise], name) for scene in scenes])
+        scene, pair = (chosen & right & np.isfinite(errors)).nonzero()
+        joint = {"anchor": "revolute", "axis": "prismatic"}[name]
+        results.add(model, metric, unit, scale * errors[scene, pair], scene, "median", **labels, joint=joint)

@@ -23,11 +23,12 @@ class Block(NamedTuple):
     first: int
     count: int
     models: tuple[tuple[str, str], ...]
+    setup: str = SETUP
 
     def draw(self) -> list[Trajectory]:
         """Simulate the scenes."""
         return [
-            draw_trajectory(SETUP, self.objects, self.seed, index)
+            draw_trajectory(self.setup, self.objects, self.seed, index)
             for index in range(self.first, self.first + self.count)
         ]
 
@@ -40,16 +41,17 @@ def measure_blocks(
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    setup: str = SETUP,
 ) -> list[Measured]:
     """What `work` measures in `count` test scenes for each number of objects, in order; `models` are checkpoints.
 
-    Raises EvaluationError if the scenes of this seed are for training.
+    setup: that scenes are drawn from. Raises EvaluationError if the scenes of this seed are for training.
     """
     if seed < FIRST_TEST_SEED:
         raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
     chosen = tuple((name, str(path)) for name, path in models.items())
     blocks = [
-        Block(number, seed, first, min(BLOCK, count - first), chosen)
+        Block(number, seed, first, min(BLOCK, count - first), chosen, setup)
         for number in objects
         for first in range(0, count, BLOCK)
     ]

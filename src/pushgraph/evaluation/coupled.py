@@ -87,7 +87,8 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     assumed: list[list[Relations]] = []
     for frame, watched in zip(range(max(STARTS) + 1), watch(belief, unaware(scenes), seen), strict=False):
         if frame in STARTS:
-            believed = believe(watched.view.state, belief.probabilities(watched).argmax(-1)).relations
+            kind, view = belief.probabilities(watched).argmax(-1), watched.view
+            believed = believe(view.state, kind, view.fits).relations
             relations = {"belief": believed} | assumptions(scenes, seen.bodies[:, : frame + 1])
             assumed.append([relations[model] for model in MODELS])
     errors = rollout_errors(dynamics, scenes, seen, STARTS, assumed).numpy()

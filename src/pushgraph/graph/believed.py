@@ -1,72 +1,122 @@
-"""From what is believed of unknown pairs to relations that a prediction can use."""
+"""From what is believed of unknown pairs to relations that a prediction can use, and where their joints sit."""
+
+from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.contact import RoundedBox, signed_gap
+from pushgraph.graph.joint_fit import MEASURED, JointFits
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.state import State
+from pushgraph.pose import as_complex
 from pushgraph.scene import SLIDE, SWING
 
-CONTRADICTED = 0.01
-"""Drift (m) that a joint's supposed place cannot explain and that tells where it sits instead."""
-TURNED = 0.2
-"""A hinge must have turned this far (rad) for its anchor to be found."""
+SIGNIFICANT = 2.0
+"""A hinge's anchor is moved by what was seen if that moves it by so many of its standard deviations."""
+AXIS_PULL = 0.002
+"""Sliders are taken to slide along the line of centres until they have moved by more than about this (m)."""
+ALONG_CENTRES = 0.94
+"""Cosine of the angle to the line of centres up to which a slider is taken to stop where its bodies touch."""
 
 
-def believe(state: State, kind: Int[Tensor, "batch pairs"]) -> State:
+class JointPlaces(NamedTuple):
+    """Where the joint of each pair sits, were it a hinge or a slider, in the frame of a; see `Relations`.
+
+    anchor_a, anchor_b: of the hinge, anchor_b in the frame of b (m). anchor_spread: standard deviation (m). axis: of
+    the slider. axis_spread: standard deviation (rad). turned, slid: lowest and highest that was reached, of b relative
+    to a, since the memory began (rad, m).
+    """
+
+    anchor_a: Float[Tensor, "batch pairs 2"]
+    anchor_b: Float[Tensor, "batch pairs 2"]
+    anchor_spread: Float[Tensor, "batch pairs"]
+    axis: Float[Tensor, "batch pairs 2"]
+    axis_spread: Float[Tensor, "batch pairs"]
+    turned: Float[Tensor, "batch pairs 2"]
+    slid: Float[Tensor, "batch pairs 2"]
+
+
+def joint_places(state: State, fits: JointFits) -> JointPlaces:
+    """Those of a scene that says no more (see `scene.place_joint`), unless what was seen moves them."""
+    relations = state.relations
+    centres = as_complex(_centres(state).double())
+    default = centres / centres.abs().clamp(min=1e-9)
+    hinge, slider = fits.hinge(), fits.slider()
+
+    significant = (hinge.anchor_a + hinge.anchor_b).abs() / 2 > SIGNIFICANT * hinge.spread
+    moved = torch.stack((hinge.anchor_a, hinge.anchor_b * _turn(-relations.yaw_offset)), -1) * significant[..., None]
+    anchors = torch.stack((relations.anchor_a, relations.anchor_b), -2) + torch.view_as_real(moved)
+
+    scatter = fits.squared / fits.count - (fits.drift / fits.count).square()
+    line = ((scatter + AXIS_PULL**2 * default.square()).angle() / 2).to(torch.float64)
+    axis = torch.polar(torch.ones_like(line), line)
+    axis = torch.where((axis * default.conj()).real < 0, -axis, axis)
+    ends = torch.stack((fits.first_drift, fits.last_drift), -1)
+    reached = (ends * axis[..., None].conj()).real.sort(-1).values
+    return JointPlaces(
+        anchors[..., 0, :],
+        anchors[..., 1, :],
+        hinge.spread,
+        torch.view_as_real(axis),
+        slider.across.clamp(min=MEASURED) / (slider.along.clamp(min=1e-9) * fits.count.sqrt()),
+        torch.stack((fits.lowest_turn, fits.highest_turn), -1),
+        reached.clamp(min=0) * reached.new_tensor([0.0, 1.0]) + reached.clamp(max=0) * reached.new_tensor([1.0, 0.0]),
+    )
+
+
+def believe(state: State, kind: Int[Tensor, "batch pairs"], fits: JointFits | None = None) -> State:
     """The state with every unknown pair joined as `kind` says, where the memory has it; all pairs count as known then.
 
-    Joints sit where those of a scene do that gives none of it (see `scene.place_joint`), unless what was seen
-    contradicts it: then a slider's axis is the way it went, and a hinge's anchor the point that stayed.
+    Joints sit where `joint_places` has them, and may move as far as those of a scene that says no more, or as far as
+    they have moved. fits: to what was seen; nothing by default.
     """
-    relations, scenes = state.relations, state.scenes
-    a, b = pairs_of(state.poses.shape[1], state.poses.device)
+    relations = state.relations
     unknown = relations.remembered & ~relations.known
     kind = torch.where(unknown, kind, relations.kind)
-    offset = relations.yaw_offset
-    centre = relations.anchor_a - pose.rotate(relations.anchor_b, offset)
-    boxes = [RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in (a, b)]
-    gap = signed_gap(*boxes, torch.cat((centre, offset[..., None]), -1)).clamp(min=0)
-    now = pose.relative(state.poses[:, a], state.poses[:, b]).float()
-    drift = pose.transform(now, relations.anchor_b) - relations.anchor_a
-
-    axis = centre / centre.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    across = (drift - (drift * axis).sum(-1, keepdim=True) * axis).norm(dim=-1) > CONTRADICTED
-    axis = torch.where(across[..., None], drift / drift.norm(dim=-1, keepdim=True).clamp(min=1e-9), axis)
-    slide = torch.stack((-torch.where(across, SLIDE, gap), torch.full_like(gap, SLIDE)), -1)
-
+    places = joint_places(state, JointFits.begin(unknown) if fits is None else fits)
     revolute, prismatic = kind == JOINT_CODES["revolute"], kind == JOINT_CODES["prismatic"]
-    stayed = _point_that_stayed(centre, offset, now)
-    turned = pose.wrap_angle(now[..., 2] - offset).abs() > TURNED
-    elsewhere = unknown & revolute & turned & (drift.norm(dim=-1) > CONTRADICTED)
-    stayed_b = pose.rotate(stayed - centre, -offset)
-    limits = torch.where(prismatic[..., None], slide, slide.new_tensor([-SWING, SWING]))
+
+    centres = _centres(state)
+    along = (places.axis * centres).sum(-1) > ALONG_CENTRES * centres.norm(dim=-1)
+    lowest = torch.where(along, -_gap(state).double(), -SLIDE)
+    slide = torch.stack((torch.minimum(lowest, places.slid[..., 0]), places.slid[..., 1].clamp(min=SLIDE)), -1)
+    swing = torch.stack((places.turned[..., 0].clamp(max=-SWING), places.turned[..., 1].clamp(min=SWING)), -1)
+    limits = torch.where(prismatic[..., None], slide, swing)
     limits = torch.where((prismatic | revolute)[..., None], limits, 0.0)
+
+    def put(old: Tensor, new: Tensor, of: Bool[Tensor, "batch pairs"]) -> Tensor:
+        return torch.where((unknown & of)[..., None], new.to(old.dtype), old)
+
     return state._replace(
         relations=relations._replace(
             kind=kind,
             known=torch.ones_like(relations.known),
             remembered=kind > 0,
-            anchor_a=torch.where(elsewhere[..., None], stayed, relations.anchor_a),
-            anchor_b=torch.where(elsewhere[..., None], stayed_b, relations.anchor_b),
-            axis=torch.where(unknown[..., None], axis, relations.axis),
-            limits=torch.where(unknown[..., None], limits, relations.limits),
+            anchor_a=put(relations.anchor_a, places.anchor_a, revolute),
+            anchor_b=put(relations.anchor_b, places.anchor_b, revolute),
+            axis=put(relations.axis, places.axis, torch.ones_like(unknown)),
+            limits=put(relations.limits, limits, torch.ones_like(unknown)),
         )
     )
 
 
-def _point_that_stayed(
-    centre: Float[Tensor, "batch pairs 2"], offset: Float[Tensor, "batch pairs"], now: Float[Tensor, "batch pairs 3"]
-) -> Float[Tensor, "batch pairs 2"]:
-    """The point, in the frame of the earlier body, about which the later one turned from its first place to now.
+def _centres(state: State) -> Float[Tensor, "batch pairs 2"]:
+    """From the centre of a to that of b when the memory began, in the frame of a (m)."""
+    relations = state.relations
+    return relations.anchor_a - pose.rotate(relations.anchor_b, relations.yaw_offset)
 
-    x = centre + R(offset) y = now + R(now) y, so x - centre turned by the angle between is x - now. Where there was
-    no turn it means nothing.
-    """
-    turn = pose.wrap_angle(now[..., 2] - offset)
-    half = (now[..., :2] - centre) / 2
-    cotangent = 1 / (turn / 2).tan().where(turn.abs() > 1e-3, 1.0)
-    return centre + half + torch.stack((-half[..., 1], half[..., 0]), -1) * cotangent[..., None]
+
+def _gap(state: State) -> Float[Tensor, "batch pairs"]:
+    """Between the surfaces of the two when the memory began (m)."""
+    relations, scenes = state.relations, state.scenes
+    ends = pairs_of(state.poses.shape[1], state.poses.device)
+    boxes = [RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in ends]
+    return signed_gap(*boxes, torch.cat((_centres(state), relations.yaw_offset[..., None]), -1)).clamp(min=0)
+
+
+def _turn(yaw: Float[Tensor, "batch pairs"]) -> Complex[Tensor, "batch pairs"]:
+    yaw = yaw.double()
+    return torch.polar(torch.ones_like(yaw), yaw)

@@ -5,12 +5,12 @@ the receiver. So features do not change when the scene is moved or turned, and n
 """
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import pairs_of
-from pushgraph.graph.state import State
+from pushgraph.graph.watching import Frame
 from pushgraph.pose import as_complex, wrap_angle
 
 FINE = 0.001
@@ -23,25 +23,23 @@ FEATURES = (
     *(f"{end}_{what}" for end in ("receiver", "sender") for what in ("travel", "turned", "anchor_x", "anchor_y")),
     *("receiver_cylinder", "sender_cylinder", "receiver_yaw_known", "sender_yaw_known"),
     *("adjacent_at_first", "linked", "down"),
+    *("hinge_x", "hinge_y", "drift_spread", "turn_spread", "turn_range"),
+    *("hinge_residual", "hinge_deviation", "hinge_deviating"),
+    *("slider_across", "slider_along", "slider_deviation", "slider_deviating"),
+    *("slider_line_x", "slider_line_y", "hinge_spread", "frames_moved"),
 )
 CONSTANTS = {"fine": FINE, "lever": LEVER}
 """What the weights depend on beside the features' names."""
 
 
 def pair_evidence(
-    before: State,
-    after: State,
-    predicted: Float[Tensor, "batch bodies 3"],
-    first: Float[Tensor, "batch bodies 3"],
-    adjacent_at_first: Bool[Tensor, "batch pairs"],
-    linked: Bool[Tensor, "batch pairs"],
-    down: Bool[Tensor, " batch"],
+    frame: Frame, predicted: Float[Tensor, "batch bodies 3"], linked: Bool[Tensor, "batch pairs"]
 ) -> Float[Tensor, "batch pairs 2 features"]:
-    """Features of all pairs; they mean something where `after` remembers the pair.
+    """Features of all pairs; they mean something where the frame's `after` remembers the pair.
 
-    predicted: motion foreseen from `before` to `after`. first: where bodies were first seen. linked: pairs that share
-    edges in the prediction's graph. down: whether the tool was.
+    predicted: motion foreseen from `before` to `after`. linked: pairs that share edges in the prediction's graph.
     """
+    before, after, first = frame.before, frame.after, frame.first
     a, b = pairs_of(first.shape[1], first.device)
     scenes, relations = after.scenes, after.relations
     ends = torch.stack((a, b), -1)
@@ -98,13 +96,49 @@ def pair_evidence(
         -1,
     )
     fine = (fine / FINE).asinh()
-    of_pair = torch.stack((adjacent_at_first, linked, down[:, None].expand_as(linked)), -1).float()
+    down = frame.control.down[:, None].expand_as(linked)
+    of_pair = torch.stack((frame.adjacent_at_first, linked, down), -1).float()
     told = (
         *(fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor),
         *(receiver[..., 2:3], sender[..., 2:3], receiver[..., 3:], sender[..., 3:]),
         of_pair[:, :, None].expand(-1, -1, 2, -1),
+        _fit_evidence(frame, axis[..., 0].to(torch.complex128)).float(),
     )
     return torch.cat(told, -1)
+
+
+def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:
+    """How well each joint fits what was seen before this frame, and this frame. axis: of the pair's frame, in a's."""
+    fits, hinge, slider = frame.fits, frame.fits.hinge(), frame.fits.slider()
+    off_hinge, off_slider = hinge.deviation(frame.relative), slider.deviation(frame.relative)
+    fine = torch.stack(
+        (
+            fits.drift_spread,
+            fits.turn_spread * LEVER,
+            fits.turn_range(),
+            hinge.residual,
+            off_hinge.abs(),
+            (off_hinge - hinge.deviation(frame.relative_before)).abs(),
+            slider.across,
+            slider.along,
+            off_slider.abs(),
+            (off_slider - slider.deviation(frame.relative_before)).abs(),
+        ),
+        -1,
+    )
+    fine = (fine / FINE).asinh()
+    line = (slider.axis * axis.conj()).square() * slider.along / (slider.along + FINE)  # an axis has no sign
+    either = torch.cat(
+        (
+            fine,
+            torch.view_as_real(line),
+            torch.stack((hinge.spread / FINE, fits.count), -1).log(),
+        ),
+        -1,
+    )
+    anchor = torch.stack((hinge.anchor_a * axis.conj(), -hinge.anchor_b * axis.conj()), -1)
+    anchor = torch.view_as_real(anchor / LEVER).asinh()
+    return torch.cat((anchor, either[:, :, None].expand(-1, -1, 2, -1)), -1)
 
 
 def _turn(yaw: Tensor) -> Tensor:

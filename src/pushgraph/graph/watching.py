@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.graph.broad_phase import Reachable, reachable
+from pushgraph.graph.joint_fit import JointFits, RelativeMotion
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
 
@@ -27,7 +28,7 @@ class View(NamedTuple):
     tool: pose_world_from_tool. tool_motion: how it changed in the frame before. first: where bodies were first seen.
     adjacent_at_first: pairs that were adjacent in the first frame. A body out of sight stays where it was last seen.
     unreached: frames since a body could last be reached. rested: frames that its pose is the mean of. untouched: bodies
-    that have rested since the first frame.
+    that have rested since the first frame. fits: of the joints of all pairs, to what was seen so far.
     """
 
     state: State
@@ -41,13 +42,16 @@ class View(NamedTuple):
     unreached: Int[Tensor, "batch bodies"]
     rested: Float[Tensor, "batch bodies"]
     untouched: Bool[Tensor, "batch bodies"]
+    relative: RelativeMotion
+    fits: JointFits
 
 
 class Frame(NamedTuple):
     """What one frame showed.
 
     in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before. reach: what
-    the tool could reach from `before` on, if that was found out.
+    the tool could reach from `before` on, if that was found out. relative_before, relative: how pairs have moved
+    relative to each other until the frame before, and this one. fits: of joints to what was seen before this frame.
     """
 
     before: State
@@ -58,6 +62,9 @@ class Frame(NamedTuple):
     in_sight: Bool[Tensor, "batch pairs"]
     continuous: Bool[Tensor, "batch bodies"]
     reach: Reachable | None
+    relative_before: RelativeMotion
+    relative: RelativeMotion
+    fits: JointFits
 
 
 def first_look(
@@ -73,9 +80,10 @@ def first_look(
     adjacent = state.relations.remembered & ~state.relations.known
     unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
     rested = torch.ones_like(seen, dtype=poses.dtype)
-    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen)
+    relative, fits = RelativeMotion.of(state.relations, poses), JointFits.begin(adjacent)
+    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits)
     control = Control(tool, still, still, torch.zeros_like(down))
-    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, None)
+    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, None, relative, relative, fits)
 
 
 def look(
@@ -105,7 +113,22 @@ def look(
     before = view.state._replace(relations=_settled(view.state.relations, poses, _both(untouched)))
     after = before.observe(poses)
     after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
-    frame = Frame(before, after, control, first, view.adjacent_at_first, _both(seen), continuous, reach)
+    in_sight = _both(seen)
+    relative = RelativeMotion.of(after.relations, poses)
+    moved = in_sight & before.relations.remembered & ~before.relations.known & ~_both(rests)
+    frame = Frame(
+        before,
+        after,
+        control,
+        first,
+        view.adjacent_at_first,
+        in_sight,
+        continuous,
+        reach,
+        view.relative,
+        relative,
+        view.fits,
+    )
     view = View(
         after,
         tool,
@@ -118,6 +141,8 @@ def look(
         unreached,
         rested,
         untouched,
+        relative,
+        view.fits.observe(relative, moved),
     )
     return view, frame
 

@@ -82,15 +82,7 @@ class BeliefNetwork(nn.Module):
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """What a frame tells, given what was foreseen."""
-        told = pair_evidence(
-            frame.before,
-            frame.after,
-            foresight.motion,
-            frame.first,
-            frame.adjacent_at_first,
-            foresight.linked,
-            frame.control.down,
-        )
+        told = pair_evidence(frame, foresight.motion, foresight.linked)
         relations = frame.after.relations
         active = relations.remembered & ~relations.known
         return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active)

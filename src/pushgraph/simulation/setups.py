@@ -10,8 +10,8 @@ import numpy as np
 
 from pushgraph.errors import SetupError, SimulationError
 from pushgraph.scene import Table
-from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
+from pushgraph.simulation.anywhere import PUSH_DISTANCE, PUSH_SPEED, draw_paper_shape, joints_anywhere
 from pushgraph.simulation.articulation import JOINTS, draw_joints
 from pushgraph.simulation.block import Block, arrange
 from pushgraph.simulation.kinds import KINDS
@@ -23,11 +23,8 @@ from pushgraph.track import Track
 
 FEWEST = 6
 """Objects in the smallest scenes of a setup of many sizes."""
-PUSH_DISTANCE = 0.30
 FIRST_TEST_SEED = 1_000_000
 """Seeds from here on are for tests, smaller ones for training and validation data."""
-PUSH_SPEED = (0.10, 0.30)
-SIZE_MEAN, SIZE_SPREAD, SIZE_RANGE = 0.117, 0.023, (0.08, 0.16)
 TOUCHED = 0.005
 """A body that a push moves by this much (m) counts as touched."""
 ATTEMPTS = 100
@@ -54,7 +51,7 @@ class Trajectory(NamedTuple):
 def multiple_parts(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """The paper's setup: cylinders and cuboids, two to six joints; every other scene dense, the others sparse."""
     density = DENSITIES[index % 2]
-    shapes = [_draw_shape(rng) for _ in range(objects)]
+    shapes = [draw_paper_shape(rng) for _ in range(objects)]
     blocks = [Block.of(shape) for shape in shapes]
     if density == "dense":
         poses = place_cluster(rng, blocks)
@@ -85,10 +82,18 @@ def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     return KINDS[kind](rng, objects, DENSITIES[index % 2])._replace(kind=kind)
 
 
+def jointed(rng: np.random.Generator, objects: int, index: int) -> Plan:
+    """What belief learns from: half `multiple-parts`, half the same with joints anywhere."""
+    if index // 2 % 2 == 0:
+        return multiple_parts(rng, objects, index)
+    return joints_anywhere(rng, objects, DENSITIES[index % 2])
+
+
 Setup = Callable[[np.random.Generator, int, int], Plan]
 """Plans the trajectory of a number of objects and an index, which settles what shall be evenly spread."""
 SETUPS: dict[str, Setup] = {
     "multiple-parts": multiple_parts,
+    "jointed": jointed,
     "planar": planar,
     "planar-mixed": planar_mixed,
 }
@@ -148,13 +153,3 @@ def _push_around(rng: np.random.Generator, plan: Plan) -> Track:
             raise _LeftTable
         touched += np.hypot(*(after - before)[:, :2].T) > TOUCHED
     return simulation.track()
-
-
-def _draw_length(rng: np.random.Generator) -> float:
-    return float(np.clip(rng.normal(SIZE_MEAN, SIZE_SPREAD), *SIZE_RANGE))
-
-
-def _draw_shape(rng: np.random.Generator) -> Cylinder | Cuboid:
-    if rng.random() < 0.5:
-        return Cylinder(diameter=_draw_length(rng))
-    return Cuboid(size=(_draw_length(rng), _draw_length(rng)))

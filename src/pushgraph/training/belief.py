@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pushgraph.belief import watch_windows
-from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.belief import load_physics, watch_windows
 from pushgraph.dataset.sequences import SequenceSampler
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.scene_batch import batch_scenes
@@ -36,17 +35,22 @@ VALIDATION_SCENES, VALIDATION_FRAMES = 50, 200
 
 @dataclass(frozen=True)
 class BeliefTraining(Training):
-    """What decides a training of belief regulation. A sample is one observed frame of one sequence."""
+    """What decides a training of belief regulation. A sample is one observed frame of one sequence.
+
+    physics: checkpoint of the physics network that it stands on; by default the shipped one.
+    """
 
     TASK: ClassVar[str] = "belief"
     MODELS: ClassVar[Mapping[str, type[nn.Module]]] = BELIEFS
     VALIDATIONS: ClassVar[int] = 12
+    FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics")
 
     samples: int = 10_000_000
     frames: int = 200
     batch: int = 16
     learning_rate: float = 2e-3
     hidden: int = 64
+    physics: str | None = None
 
 
 class Answers(NamedTuple):
@@ -92,14 +96,14 @@ class BeliefTask:
         "error_touched_200_noisy",
     )
 
-    def __init__(self, training: Training, processes: Processes, device: torch.device) -> None:
+    def __init__(self, training: BeliefTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._rank, self._device = training, processes.rank, device
         data, validation = open_dataset(training.data), open_dataset(training.validation)
         self.range = range_of(data.scene(k) for k in range(len(data)))
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
         share = max(1, training.batch // processes.count)
         self._sampler = SequenceSampler(data, training.frames, share, training.seed * 1000 + processes.rank)
-        below = load_checkpoint(shipped(BELIEFS[training.model].PHYSICS))
+        below = load_physics(BELIEFS[training.model], training.physics)
         self.physics = below.hash
         self._dynamics = below.network.to(device).requires_grad_(False)
         count = min(len(validation), VALIDATION_SCENES)

@@ -20,6 +20,8 @@ class Training:
     TASK: ClassVar[str]
     MODELS: ClassVar[Mapping[str, type[nn.Module]]]
     VALIDATIONS: ClassVar[int] = 20
+    FILES: ClassVar[tuple[str, ...]] = ("data", "validation", "start_from")
+    """Settings that name files."""
 
     model: str
     data: str
@@ -65,5 +67,5 @@ class Training:
     def without_folders(self) -> dict[str, Any]:
         """The settings; of files only their names, which mean something elsewhere."""
         settings = dataclasses.asdict(self)
-        names = ("data", "validation", "start_from")
+        names = [name for name in self.FILES if name in settings]
         return settings | {name: settings[name] and Path(settings[name]).name for name in names}
