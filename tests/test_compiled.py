@@ -9,10 +9,12 @@ from predictors import no_correction
 from scenes import workshop
 
 from pushgraph.contact import RoundedBox, contact_between
+from pushgraph.graph.broad_phase import reachable
 from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.steps import plan_steps
 from pushgraph.network.compiled.contact import contact_of
+from pushgraph.network.compiled.in_reach import bodies_in_reach
 from pushgraph.network.compiled.step import solve_step
 from pushgraph.network.dynamics import ContactDynamics, Foresight
 from pushgraph.scene import Scene
@@ -125,6 +127,23 @@ def test_unknown_pairs_are_linked_alike(scenes) -> None:
         compiled = ContactDynamics().eval().requires_grad_(False).foresee(state, controls[3])
     np.testing.assert_array_equal(compiled.linked, by_tensors(state, controls[3]).linked)
     assert compiled.linked.any()
+
+
+def test_what_may_move(scenes) -> None:
+    """Sliding bodies, chains, pieces and what cannot move."""
+    state, controls = steps_of(scenes)
+    unknown = state._replace(relations=state.relations._replace(known=torch.zeros_like(state.relations.known)))
+    generator = torch.Generator().manual_seed(0)
+    reached = 0
+    for known in (state, unknown):
+        for control in controls[:: max(1, len(controls) // 8)]:
+            slides = torch.rand(known.poses.shape[:2], generator=generator) < 0.1
+            motions = 0.01 * torch.randn(known.poses.shape, generator=generator, dtype=torch.float64)
+            moving = known._replace(motions=torch.where(slides[..., None], motions, 0.0))
+            found = bodies_in_reach(moving, control)
+            assert torch.equal(found, reachable(moving, control).may_move)
+            reached += int(found.sum())
+    assert reached > 20
 
 
 def test_scenes_do_not_depend_on_their_neighbours_nor_on_threads(scenes, monkeypatch) -> None:

@@ -94,7 +94,7 @@ def test_fits_do_not_depend_on_where_the_pair_stands_and_wait_while_nothing_move
     motion = RelativeMotion.of(one_pair(), torch.tensor([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]], dtype=torch.float64))
     for one, other in zip(here, here.observe(motion, rests), strict=True):
         torch.testing.assert_close(one, other)
-    assert float(here.count) == FIRST_COUNT + 15
+    assert float(here.frames) == FIRST_COUNT + 15
 
 
 def test_the_anchor_is_as_uncertain_as_the_fit_says() -> None:

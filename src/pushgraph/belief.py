@@ -16,6 +16,7 @@ from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
+from pushgraph.network.compiled.in_reach import bodies_in_reach
 
 CHUNK = 256
 """Scene-frames whose evidence is computed together."""
@@ -93,7 +94,7 @@ class BeliefModel:
         seen: Bool[Tensor, "batch bodies"],
     ) -> Watch:
         """One frame more."""
-        return self._learn(watch, *look(watch.view, poses, tool, down, seen))
+        return self._learn(watch, *look(watch.view, poses, tool, down, seen, bodies_in_reach))
 
     def _learn(self, watch: Watch, view: View, frame: Frame) -> Watch:
         evidence = evidence_of(self.network, self.dynamics, frame)
@@ -127,7 +128,7 @@ def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = N
 
 def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:
     """What a frame tells a belief network about every pair."""
-    foresight = dynamics.foresee(frame.before, frame.control, frame.reach)
+    foresight = dynamics.foresee(frame.before, frame.control)
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
     evidence = network.evidence(frame, foresight._replace(motion=motion))
     return evidence._replace(active=evidence.active & frame.in_sight)
@@ -151,9 +152,8 @@ def watch_windows(
     view, frame = first_look(scenes, poses[:, 0], tool[:, 0], down[:, 0], seen[:, 0])
     looks = [frame]
     for k in range(1, frames):
-        view, frame = look(view, poses[:, k], tool[:, k], down[:, k], seen[:, k])
-        # Reaches count scenes of one frame, and here many frames stand side by side.
-        looks.append(frame._replace(reach=None))
+        view, frame = look(view, poses[:, k], tool[:, k], down[:, k], seen[:, k], bodies_in_reach)
+        looks.append(frame)
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)

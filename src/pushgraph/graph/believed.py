@@ -50,7 +50,7 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
     moved = torch.stack((hinge.anchor_a, hinge.anchor_b * _turn(-relations.yaw_offset)), -1) * significant[..., None]
     anchors = torch.stack((relations.anchor_a, relations.anchor_b), -2) + torch.view_as_real(moved)
 
-    scatter = fits.squared / fits.count - (fits.drift / fits.count).square()
+    scatter = fits.squared / fits.frames - (fits.drift / fits.frames).square()
     line = ((scatter + AXIS_PULL**2 * default.square()).angle() / 2).to(torch.float64)
     axis = torch.polar(torch.ones_like(line), line)
     axis = torch.where((axis * default.conj()).real < 0, -axis, axis)
@@ -61,7 +61,7 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
         anchors[..., 1, :],
         hinge.spread,
         torch.view_as_real(axis),
-        slider.across.clamp(min=MEASURED) / (slider.along.clamp(min=1e-9) * fits.count.sqrt()),
+        slider.across.clamp(min=MEASURED) / (slider.along.clamp(min=1e-9) * fits.frames.sqrt()),
         torch.stack((fits.lowest_turn, fits.highest_turn), -1),
         reached.clamp(min=0) * reached.new_tensor([0.0, 1.0]) + reached.clamp(max=0) * reached.new_tensor([1.0, 0.0]),
     )
@@ -113,8 +113,8 @@ def _gap(state: State) -> Float[Tensor, "batch pairs"]:
     """Between the surfaces of the two when the memory began (m)."""
     relations, scenes = state.relations, state.scenes
     ends = pairs_of(state.poses.shape[1], state.poses.device)
-    boxes = [RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in ends]
-    return signed_gap(*boxes, torch.cat((_centres(state), relations.yaw_offset[..., None]), -1)).clamp(min=0)
+    first, second = (RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in ends)
+    return signed_gap(first, second, torch.cat((_centres(state), relations.yaw_offset[..., None]), -1)).clamp(min=0)
 
 
 def _turn(yaw: Float[Tensor, "batch pairs"]) -> Complex[Tensor, "batch pairs"]:

@@ -147,13 +147,13 @@ CONSTANTS = {"lever": LEVER, "passed": PASSED, "twins": TWINS}
 """What predictions depend on beside the features' names."""
 
 
-def contact_graph(state: State, control: Control, reach: Reachable | None = None) -> ContactGraph:
-    """Build the graph of one step, float64. reach: if it is known already.
+def contact_graph(state: State, control: Control) -> ContactGraph:
+    """Build the graph of one step, float64.
 
     Half of the digits are lost where light things and heavy ones, stiff ones and loose ones, meet.
     """
     state, control = state.double(), control.double()
-    reach = reachable(state, control) if reach is None else reach
+    reach = reachable(state, control)
     scenes = state.scenes
     frames = torch.as_tensor(control.frames, dtype=reach.length.dtype).to(reach.length).expand_as(reach.length)
     halfway = state.motions * (frames / 2)[:, None, None]

@@ -82,11 +82,11 @@ class SliderFit(NamedTuple):
 class JointFits(NamedTuple):
     """Sums over the frames in which either body of a pair moved.
 
-    count: of frames. turn: of exp(i t). drift: of d. turned_back: of exp(-i t) d. squared: of d^2. square: of |d|^2.
+    frames: how many. turn: of exp(i t). drift: of d. turned_back: of exp(-i t) d. squared: of d^2. square: of |d|^2.
     lowest_turn, highest_turn: of t (rad). first_drift, last_drift: the two d that are farthest apart along the line.
     """
 
-    count: Float[Tensor, "batch pairs"]
+    frames: Float[Tensor, "batch pairs"]
     turn: Complex[Tensor, "batch pairs"]
     drift: Complex[Tensor, "batch pairs"]
     turned_back: Complex[Tensor, "batch pairs"]
@@ -109,7 +109,7 @@ class JointFits(NamedTuple):
         """One frame more of the pairs that moved."""
         on = moved.double()
         drift = torch.where(moved, motion.drift, 0.0)
-        count, turn = self.count + on, self.turn + on * motion.turn
+        count, turn = self.frames + on, self.turn + on * motion.turn
         total, back = self.drift + drift, self.turned_back + motion.turn.conj() * drift
         squared, square = self.squared + drift * drift, self.square + drift.abs().square()
         axis = _axis(squared - total * total / count)
@@ -134,31 +134,31 @@ class JointFits(NamedTuple):
     @property
     def turn_spread(self) -> Float[Tensor, "batch pairs"]:
         """Standard deviation of the turn (rad), of small turns."""
-        return (1 - (self.turn.abs() / self.count).square()).clamp(min=0).sqrt()
+        return (1 - (self.turn.abs() / self.frames).square()).clamp(min=0).sqrt()
 
     @property
     def drift_spread(self) -> Float[Tensor, "batch pairs"]:
         """Root mean squared drift from where the memory began (m)."""
-        return (self.square / self.count).sqrt()
+        return (self.square / self.frames).sqrt()
 
     def hinge(self) -> HingeFit:
         """The revolute joint that fits best, by least squares with ANCHOR_SPREAD as the prior."""
-        count = self.count + RIDGE
+        count = self.frames + RIDGE
         determinant = count.square() - self.turn.abs().square()
         anchor_a = (count * self.drift - self.turn * self.turned_back) / determinant
         anchor_b = (self.turn.conj() * self.drift - count * self.turned_back) / determinant
         explained = (self.drift.conj() * anchor_a - self.turned_back.conj() * anchor_b).real
         prior = RIDGE * (anchor_a.abs().square() + anchor_b.abs().square())
-        residual = ((self.square - explained - prior).clamp(min=0) / self.count).sqrt()
+        residual = ((self.square - explained - prior).clamp(min=0) / self.frames).sqrt()
         # Half of it in either direction, and half since the mean of both anchors is the anchor.
         information = 4 * (count - self.turn.abs())
         return HingeFit(anchor_a, anchor_b, residual, residual.clamp(min=MEASURED) / information.sqrt())
 
     def slider(self) -> SliderFit:
         """The line that fits the drift best."""
-        centre = self.drift / self.count
-        scatter = self.squared / self.count - centre * centre
-        size = (self.square / self.count - centre.abs().square()).clamp(min=0)
+        centre = self.drift / self.frames
+        scatter = self.squared / self.frames - centre * centre
+        size = (self.square / self.frames - centre.abs().square()).clamp(min=0)
         elongation = torch.minimum(scatter.abs(), size)
         return SliderFit(centre, _axis(scatter), ((size + elongation) / 2).sqrt(), ((size - elongation) / 2).sqrt())
 

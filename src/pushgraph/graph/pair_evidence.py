@@ -132,7 +132,7 @@ def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[T
         (
             fine,
             torch.view_as_real(line),
-            torch.stack((hinge.spread / FINE, fits.count), -1).log(),
+            torch.stack((hinge.spread / FINE, fits.frames), -1).log(),
         ),
         -1,
     )

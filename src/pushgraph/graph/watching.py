@@ -4,6 +4,7 @@ What the tool cannot reach rests, so its pose is the mean of what was seen of it
 camera averages out, and so does that of the anchors of pairs that have not been touched yet.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -11,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.broad_phase import Reachable, reachable
+from pushgraph.graph.broad_phase import reachable
 from pushgraph.graph.joint_fit import JointFits, RelativeMotion
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
@@ -20,6 +21,9 @@ COASTING = 2
 """Frames in which a body may still move after nothing reaches it any more."""
 STRAY = 0.005
 """A body this far from where it rests (m) has moved, whatever the tool's pose says."""
+
+
+InReach = Callable[[State, Control], Bool[Tensor, "batch bodies"]]
 
 
 class View(NamedTuple):
@@ -49,8 +53,8 @@ class View(NamedTuple):
 class Frame(NamedTuple):
     """What one frame showed.
 
-    in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before. reach: what
-    the tool could reach from `before` on, if that was found out. relative_before, relative: how pairs have moved
+    in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
+    relative_before, relative: how pairs have moved
     relative to each other until the frame before, and this one. fits: of joints to what was seen before this frame.
     """
 
@@ -61,7 +65,6 @@ class Frame(NamedTuple):
     adjacent_at_first: Bool[Tensor, "batch pairs"]
     in_sight: Bool[Tensor, "batch pairs"]
     continuous: Bool[Tensor, "batch bodies"]
-    reach: Reachable | None
     relative_before: RelativeMotion
     relative: RelativeMotion
     fits: JointFits
@@ -83,7 +86,7 @@ def first_look(
     relative, fits = RelativeMotion.of(state.relations, poses), JointFits.begin(adjacent)
     view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits)
     control = Control(tool, still, still, torch.zeros_like(down))
-    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, None, relative, relative, fits)
+    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, relative, relative, fits)
 
 
 def look(
@@ -92,16 +95,16 @@ def look(
     tool: Float[Tensor, "batch 3"],
     down: Bool[Tensor, " batch"],
     seen: Bool[Tensor, "batch bodies"],
+    in_reach: InReach = lambda state, control: reachable(state, control).may_move,
 ) -> tuple[View, Frame]:
-    """The next frame; poses of bodies that are not seen are not looked at."""
+    """The next frame; poses of bodies that are not seen are not looked at. in_reach: finds what may move in a step."""
     both = down & view.down
     motion = torch.where(both[:, None], tool - view.tool, 0.0)
     control = Control(view.tool, motion, view.tool_motion, both)
     continuous = seen & view.seen
 
     last = view.state.poses
-    reach = reachable(view.state, control)
-    unreached = torch.where(reach.may_move, 0, view.unreached + 1)
+    unreached = torch.where(in_reach(view.state, control), 0, view.unreached + 1)
     strays = (poses[..., :2] - last[..., :2]).norm(dim=-1) > STRAY
     rests = continuous & (unreached > COASTING) & ~strays
     rested = torch.where(rests, view.rested + 1, torch.where(seen, 1.0, view.rested))
@@ -124,7 +127,6 @@ def look(
         view.adjacent_at_first,
         in_sight,
         continuous,
-        reach,
         view.relative,
         relative,
         view.fits,

@@ -13,7 +13,7 @@ from pushgraph import pose
 from pushgraph.graph import contact_features as contact_feature_names
 from pushgraph.graph import contact_graph as contact_geometry
 from pushgraph.graph import propnet_graph as propnet_features
-from pushgraph.graph.broad_phase import LEVER, Reachable
+from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.contact_features import CLAMP, contact_features
 from pushgraph.graph.contact_graph import ContactGraph, contact_graph
 from pushgraph.graph.pieces import mean_motion, move_pieces
@@ -103,11 +103,11 @@ class ContactDynamics(nn.Module):
         graph, _, twist = self._solved(state, control)
         return Advance(self._motion(state, graph, twist), _done(state, graph, twist))
 
-    def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
-        """Predict, with the state of every contact. reach: what may move in this step, if it is known already."""
+    def foresee(self, state: State, control: Control) -> Foresight:
+        """Predict, with the state of every contact."""
         if self._can_be_compiled(state, control):
             return _foreseen(state, _compiled(state, control, contact_state=True))
-        graph, problem, twist = self._solved(state, control, reach)
+        graph, problem, twist = self._solved(state, control)
         relation = graph.edges.relation[graph.contacts.points.edge]
         relation = torch.cat((2 * relation, 2 * relation + 1))
         relation = relation.masked_fill(graph.edges.is_tool[graph.contacts.points.edge].repeat(2), -1)
@@ -121,9 +121,9 @@ class ContactDynamics(nn.Module):
         return not (torch.is_grad_enabled() and any(values.requires_grad for values in tensors_of((state, control))))
 
     def _solved(
-        self, state: State, control: Control, reach: Reachable | None = None
+        self, state: State, control: Control
     ) -> tuple[ContactGraph, ContactProblem, Float[Tensor, "3 nodes"]]:
-        graph = contact_graph(state, control, reach)
+        graph = contact_graph(state, control)
         correction = None if self.network.is_silent else self.network(graph, contact_features(state, graph))
         problem = ContactProblem.of(graph, correction)
         return graph, problem, solve(problem)
@@ -164,8 +164,8 @@ class PropnetDynamics(nn.Module):
         graph = propnet_graph(state, control)
         return Advance(self._motion(state, graph, self.network(graph).motion), torch.ones_like(state.poses[:, 0, 0]))
 
-    def foresee(self, state: State, control: Control, reach: Reachable | None = None) -> Foresight:
-        """Predict, and tell what was in mind; what the tool can reach does not matter here."""
+    def foresee(self, state: State, control: Control) -> Foresight:
+        """Predict, and tell what was in mind."""
         graph = propnet_graph(state, control)
         propagated = self.network(graph)
         return _foresight(

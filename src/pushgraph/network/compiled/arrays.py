@@ -69,11 +69,11 @@ def arrays_of(state: State, control: Control) -> Scenes:
     shapes = node_shapes(scenes)
     circle = shapes.half_extents.norm(dim=-1) + shapes.radius
     of_joints = (relations.kind, relations.anchor_a, relations.anchor_b, relations.yaw_offset, relations.axis)
-    arrays = [_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)]
+    arrays = [as_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)]
     arrays += links_of(relations, state.poses.shape[1])
-    arrays += [_array(values) for values in (*of_joints, relations.limits)]
-    arrays += [_array(values) for values in (control.pose, control.motion, control.down, *of_steps)]
-    return Scenes(_array(state.poses), _array(state.motions), float(state.still), *arrays)
+    arrays += [as_array(values) for values in (*of_joints, relations.limits)]
+    arrays += [as_array(values) for values in (control.pose, control.motion, control.down, *of_steps)]
+    return Scenes(as_array(state.poses), as_array(state.motions), float(state.still), *arrays)
 
 
 def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray,
     row, order = (scene.repeat(2) * bodies + first).sort(stable=True)
     counts = row.bincount(minlength=len(relations.kind) * bodies)
     begin = torch.cat((counts.new_zeros(1), counts.cumsum(0)))
-    links = _array(begin), _array(second[order]), _array(keep[order])
+    links = as_array(begin), as_array(second[order]), as_array(keep[order])
     _last_links = relations, links
     return links
 
@@ -100,7 +100,8 @@ _last_links: tuple[Relations | None, tuple[np.ndarray, np.ndarray, np.ndarray]] 
 """Those of the last call: the relations of a rollout rarely change from step to step."""
 
 
-def _array(values: Tensor) -> np.ndarray:
+def as_array(values: Tensor) -> np.ndarray:
+    """The same, floating-point numbers in float64."""
     values = values.detach()
     if values.is_floating_point():
         values = values.double()
