@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.belief import BeliefModel
+from pushgraph.believed_joint import BelievedJoint
 from pushgraph.body import Joint
 from pushgraph.errors import BeliefError, PushGraphError
 from pushgraph.graph.scene_batch import JOINT_CODES
@@ -21,7 +22,7 @@ from pushgraph.storage import replacing
 from pushgraph.track import Track
 
 FORMAT = "pushgraph.beliefs"
-VERSION = 1
+VERSION = 2
 DIGITS = 5
 
 
@@ -30,13 +31,15 @@ class BeliefHistory:
     """What was believed of every pair after every observed frame.
 
     times: seconds. probabilities: columns in the order of JOINT_CODES. lost: for every node that was lost, when (first
-    and last time, s). scene: as it was believed to be in the end, ready for prediction; see `BeliefRegulator.scene`.
+    and last time, s). joints: those believed in the end, and where they sit. scene: as it was believed to be in the
+    end, ready for prediction; see `BeliefRegulator.scene`.
     """
 
     pairs: Sequence[tuple[str, str]]
     times: Float[np.ndarray, " frames"]
     probabilities: Float[np.ndarray, "frames pairs joints"]
     lost: Mapping[str, Sequence[tuple[float, float]]]
+    joints: Sequence[BelievedJoint]
     scene: Scene
 
     @classmethod
@@ -56,7 +59,8 @@ class BeliefHistory:
         for frame, (of_nodes, down) in enumerate(zip(poses, frames.down.tolist(), strict=True)):
             probabilities.append(regulator.observe(of_nodes, down))
             progress(frame, regulator)
-        return cls(regulator.pairs, frames.times, np.stack(probabilities), frames.gaps, regulator.scene())
+        believed = np.stack(probabilities)
+        return cls(regulator.pairs, frames.times, believed, frames.gaps, regulator.joints(), regulator.scene())
 
     @property
     def likeliest(self) -> dict[tuple[str, str], str]:
@@ -78,6 +82,7 @@ class BeliefHistory:
             "times": np.round(self.times, DIGITS).tolist(),
             "probabilities": np.round(self.probabilities, DIGITS).tolist(),
             "lost": {name: [list(stretch) for stretch in stretches] for name, stretches in self.lost.items()},
+            "believed_joints": [joint.to_json() for joint in self.joints],
             "scene": json.loads(self.scene.to_json()),
         }
         with replacing(path) as temporary:
@@ -98,6 +103,7 @@ class BeliefHistory:
             probabilities = np.array(content["probabilities"], dtype=float)
             pairs, times = [(a, b) for a, b in content["pairs"]], np.array(content["times"], dtype=float)
             scene = Scene.from_json(json.dumps(content["scene"]), f"{path}: scene")
+            joints = [BelievedJoint.from_json(joint) for joint in content["believed_joints"]]
             lost = {name: [(a, b) for a, b in stretches] for name, stretches in content["lost"].items()}
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise BeliefError(f"{path}: these beliefs are damaged: {error!r}") from None
@@ -108,7 +114,7 @@ class BeliefHistory:
                 f"{path}: probabilities: must be finite numbers of shape {(len(times), len(pairs), len(JOINT_CODES))}, "
                 f"got {probabilities.shape}"
             )
-        return cls(pairs, times, probabilities, lost, scene)
+        return cls(pairs, times, probabilities, lost, joints, scene)
 
 
 def joined_as(believed: Scene, scene: Scene) -> Scene:

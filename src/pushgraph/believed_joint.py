@@ -1,10 +1,12 @@
 """A joint as it is believed: of which kind, where it sits, how far it was seen to move, and how sure all that is."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.graph.believed import JointPlaces
@@ -54,11 +56,21 @@ class BelievedJoint(NamedTuple):
             return joint._replace(axis=_pair(axis), axis_spread=spread, reached=_pair(places.slid[0, row]))
         return joint
 
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "BelievedJoint":
+        """What `to_json` gives; raises TypeError or ValueError if it is not that."""
+        pairs = {name: _pair_of(content[name]) for name in ("anchor", "axis", "reached") if name in content}
+        return cls(**{**content, **pairs})
+
     def to_json(self) -> dict[str, Any]:
         """What there is, by name."""
         return {name: value for name, value in self._asdict().items() if value is not None}
 
 
-def _pair(values: Any) -> tuple[float, float]:
-    first, second = values.tolist()
-    return first, second
+def _pair_of(values: Sequence[float]) -> tuple[float, float]:
+    first, second = values
+    return float(first), float(second)
+
+
+def _pair(values: np.ndarray | Tensor) -> tuple[float, float]:
+    return _pair_of(values.tolist())

@@ -163,6 +163,8 @@ def observe(
         temporary.write_text(history.scene.to_json())
     title = f"Likeliest joints after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
     console.print(_joints_table(title, history.pairs, history.probabilities[-1]))
+    if history.joints:
+        console.print(_places_table(history.joints))
     for name, stretches in history.lost.items():
         told = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches)
         console.print(f"{name} was not seen from {told}.", markup=False)
@@ -183,6 +185,25 @@ def _joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
         row = probabilities[pair]
         table.add_row(" - ".join(pairs[pair]), kinds[row.argmax()], *(f"{value:.3f}" for value in row))
     table.caption = f"{len(pairs) - len(order)} more pairs are less likely joined than these"
+    return table
+
+
+def _places_table(joints) -> Table:
+    """Where believed joints sit, and how far they were seen to move."""
+    table = Table(title="Believed joints, where they sit now (± one standard deviation)")
+    for name in ("joint", "kind", "sits", "was seen to move"):
+        table.add_column(name)
+    for joint in joints:
+        place = reached = ""
+        if joint.anchor is not None:
+            x, y = joint.anchor
+            place = f"at ({x:.3f}, {y:.3f}) m ± {joint.anchor_spread * 1e3:.1f} mm"
+            reached = "{:.1f} to {:.1f} degrees".format(*np.degrees(joint.reached))
+        if joint.axis is not None:
+            direction = np.degrees(np.arctan2(*joint.axis[::-1]))
+            place = f"along {direction:.1f} ± {np.degrees(joint.axis_spread):.1f} degrees"
+            reached = "{:.1f} to {:.1f} mm".format(*(1e3 * far for far in joint.reached))
+        table.add_row(f"{joint.parent} - {joint.child}", joint.kind, place, reached)
     return table
 
 

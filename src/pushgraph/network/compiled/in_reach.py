@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from pushgraph.graph import broad_phase
-from pushgraph.graph.broad_phase import node_poses, node_shapes, reachable, tool_travel
+from pushgraph.graph.broad_phase import node_poses, node_shapes, reachable
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import STILL, Control, State
 from pushgraph.network.compiled.arrays import as_array
