@@ -8,6 +8,7 @@ DATA := $(CACHE)/data
 WEIGHTS := src/pushgraph/weights
 PLANAR := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processes 1
 PARTS := --data $(DATA)/parts.h5 --validation $(DATA)/validation.h5 --processes 1
+JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 --processes 1
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
@@ -49,6 +50,8 @@ data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 2400 --seed 0 --out $(DATA)/parts.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
+	$(BIN)/pushgraph generate jointed --objects 9 --count 2400 --seed 0 --out $(DATA)/jointed.h5
+	$(BIN)/pushgraph generate jointed --objects 9 --count 104 --seed 900000 --out $(DATA)/jointed-validation.h5
 
 weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
@@ -58,8 +61,8 @@ weights-propnet: data
 	  --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
 
 weights-belief: data
-	$(BELIEF) $(PARTS) --frames 100 --samples 1300000 --learning-rate 3e-3 --out $(CACHE)/belief-1.safetensors
-	$(BELIEF) $(PARTS) --frames 100 --samples 2000000 --learning-rate 1.5e-3 --seed 1 \
+	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 3e-3 --out $(CACHE)/belief-1.safetensors
+	$(BELIEF) $(JOINTED) --frames 100 --samples 1600000 --learning-rate 1.5e-3 --seed 1 \
 	  --start-from $(CACHE)/belief-1.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data

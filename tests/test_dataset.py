@@ -274,7 +274,7 @@ def test_two_processes_do_not_share_one_output(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"setup": "paper"}, SetupError, "no setup 'paper'; valid: multiple-parts, planar, planar-mixed"),
+        ({"setup": "paper"}, SetupError, "no setup 'paper'; valid: multiple-parts, jointed, planar, planar-mixed"),
         ({"objects": 0}, DatasetError, "objects: must be from 1 to 1000, got 0"),
         ({"count": 0}, DatasetError, "count: must be from 1 to"),
         ({"seed": -1}, DatasetError, "seed: must be from 0 to"),

@@ -342,7 +342,7 @@ def test_a_mixture_of_sizes_draws_all_of_them() -> None:
 
 
 def test_an_unknown_setup_is_refused_with_the_valid_ones() -> None:
-    with pytest.raises(SetupError, match="no setup 'paper'; valid: multiple-parts, planar, planar-mixed"):
+    with pytest.raises(SetupError, match="no setup 'paper'; valid: multiple-parts, jointed, planar, planar-mixed"):
         draw_trajectory("paper", 9, 0, 0)
 
 

@@ -13,7 +13,11 @@ from pushgraph.cli.output import BAR, console
 
 def generate(
     setup: Annotated[
-        str, typer.Argument(help="multiple-parts; planar: the training mixture; planar-mixed: that, of many sizes.")
+        str,
+        typer.Argument(
+            help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; planar-mixed: "
+            "that, of many sizes."
+        ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
