@@ -1,6 +1,6 @@
 """What a frame shows about every pair of bodies: joint memory, how both moved, and how the prediction was wrong.
 
-Told twice, once in the frame of either body: x along the line of centres when the pair was first adjacent, carried by
+Twice, once in the frame of either body: x along the line of centres when the pair was first adjacent, carried by
 the receiver. So features do not change when the scene is moved or turned, and neither body comes first.
 """
 
@@ -14,7 +14,7 @@ from pushgraph.graph.watching import Frame
 from pushgraph.pose import as_complex, wrap_angle
 
 FINE = 0.001
-"""Lengths (m), and turns at LEVER, are told as the inverse hyperbolic sine in this unit: fine near zero, not large."""
+"""Lengths (m), and turns at LEVER, stand as the inverse hyperbolic sine in this unit: fine near zero, not large."""
 
 FEATURES = (
     *("drift_x", "drift_y", "turn", "stretch"),
@@ -63,7 +63,7 @@ def pair_evidence(
     turn = wrap_angle(torch.stack((turned, -turned), -1) - offset) * LEVER
     stretch = centres.abs()[..., None] - distance
 
-    # What is told of both ends: motions and surprises in the receiver's axis, and how far each has come.
+    # Of both ends: motions and surprises in the receiver's axis, and how far each has come.
     since = (after.poses - first).float()
     moves = torch.stack((after.motions, after.motions - predicted), 2).float()
     bodies = torch.cat(
@@ -75,13 +75,13 @@ def pair_evidence(
         ),
         -1,
     )
-    told = bodies.index_select(1, ends.flatten()).unflatten(1, ends.shape)
-    told = torch.stack((told, told.flip(2)), 3)  # [batch, pairs, direction, receiver or sender, numbers]
-    moves = told[..., :6].unflatten(-1, (2, 3)).transpose(3, 4)
+    of_ends = bodies.index_select(1, ends.flatten()).unflatten(1, ends.shape)
+    of_ends = torch.stack((of_ends, of_ends.flip(2)), 3)  # [batch, pairs, direction, receiver or sender, numbers]
+    moves = of_ends[..., :6].unflatten(-1, (2, 3)).transpose(3, 4)
     along = as_complex(moves[..., :2]) * to_axis[0, ..., None, None]
     moves = torch.cat((torch.view_as_real(along), moves[..., 2:] * LEVER), -1).flatten(3)
-    receiver, sender = told[..., 6:].unbind(3)
-    receiver_anchor, sender_anchor = (torch.view_as_real(some * axis.conj()) / LEVER for some in (anchors, others))
+    receiver, sender = of_ends[..., 6:].unbind(3)
+    receiver_anchor, sender_anchor = (torch.view_as_real(end * axis.conj()) / LEVER for end in (anchors, others))
     fine = torch.cat(
         (
             torch.view_as_real(drift[1]),
@@ -98,13 +98,13 @@ def pair_evidence(
     fine = (fine / FINE).asinh()
     down = frame.control.down[:, None].expand_as(linked)
     of_pair = torch.stack((frame.adjacent_at_first, linked, down), -1).float()
-    told = (
+    columns = (
         *(fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor),
         *(receiver[..., 2:3], sender[..., 2:3], receiver[..., 3:], sender[..., 3:]),
         of_pair[:, :, None].expand(-1, -1, 2, -1),
         _fit_evidence(frame, axis[..., 0].to(torch.complex128)).float(),
     )
-    return torch.cat(told, -1)
+    return torch.cat(columns, -1)
 
 
 def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:

@@ -105,8 +105,10 @@ class BeliefNetwork(nn.Module):
         relations = torch.where(on, new, old)
         messages = self.to_object(relations[:, : self.hidden]) * on
         total = torch.zeros_like(memory.objects).index_add(0, receiver, messages)
-        met = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype)) > 0
-        objects = torch.where(met, self.object_cell(total, memory.objects), memory.objects)
+        count = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype))
+        # Their mean: a sum over many neighbours makes what goes round from pairs to bodies and back grow every frame.
+        objects = self.object_cell(total / count.clamp(min=1), memory.objects)
+        objects = torch.where(count > 0, objects, memory.objects)
         return Memory(relations.view_as(memory.relations), objects)
 
     def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
