@@ -23,6 +23,7 @@ from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_join
 from pushgraph.graph.pair_evidence import FEATURES, FINE, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
 from pushgraph.graph.state import start
+from pushgraph.graph.watching import first_look, look
 from pushgraph.network.belief_network import BELIEFS, Rows
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
@@ -148,10 +149,11 @@ def evidence(scene: Scene, moved: list[tuple[float, float, float]]) -> dict[str,
     """Features of the first pair of a scene whose bodies went to other poses in one frame; both directions."""
     batch = unaware(batch_scenes([scene]))
     poses = torch.tensor(scene.poses_world_from_body[None])
-    before = start(batch, poses)
-    after = before.observe(torch.tensor([moved], dtype=torch.float64))
-    no, yes = torch.zeros_like(before.relations.known), torch.ones_like(before.relations.known)
-    told = pair_evidence(before, after, torch.zeros_like(poses), poses, yes, no, torch.tensor([True]))
+    beside, down = torch.full((1, 3), 9.0, dtype=torch.float64), torch.tensor([True])
+    seen = torch.ones(poses.shape[:2], dtype=torch.bool)
+    view, _ = first_look(batch, poses, beside, down, seen)
+    _, frame = look(view, torch.tensor([moved], dtype=torch.float64), beside, down, seen)
+    told = pair_evidence(frame, torch.zeros_like(poses), torch.zeros_like(frame.in_sight))
     return dict(zip(FEATURES, told[0, 0].T.tolist(), strict=True))
 
 
@@ -457,7 +459,7 @@ def test_beliefs_move_with_their_scene(ours, monkeypatch) -> None:
     (joint,) = regulator.scene().joints
     np.testing.assert_allclose(joint.anchor, pivot, atol=1e-6)
     np.testing.assert_allclose(joint.limits, (-math.pi / 2 - 0.6, math.pi / 2 - 0.6), atol=1e-6)
-    history = BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, regulator.scene())
+    history = BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, [], regulator.scene())
     (carried,) = history.apply_to(scene.moved((1.0, 2.0, 0.5))).joints
     np.testing.assert_allclose(carried.anchor, pose.transform(np.array([1.0, 2.0, 0.5]), pivot), atol=1e-6)
     np.testing.assert_allclose(carried.limits, (-math.pi / 2, math.pi / 2), atol=1e-6)
@@ -479,7 +481,7 @@ def test_damaged_beliefs_are_refused(ours, tmp_path, edit, says) -> None:
     regulator = BeliefRegulator(triangle(), ours)
     regulator.observe(still(regulator))
     path = tmp_path / "beliefs.json"
-    BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, regulator.scene()).save(path)
+    BeliefHistory(regulator.pairs, np.zeros(1), regulator.probabilities[None], {}, [], regulator.scene()).save(path)
     path.write_text(edit(path.read_text()))
     with pytest.raises(BeliefError, match=says):
         BeliefHistory.load(path)

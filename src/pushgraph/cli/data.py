@@ -15,8 +15,8 @@ def generate(
     setup: Annotated[
         str,
         typer.Argument(
-            help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; planar-mixed: "
-            "that, of many sizes."
+            help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; "
+            "planar-mixed: that, of many sizes."
         ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],

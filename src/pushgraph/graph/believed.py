@@ -16,8 +16,6 @@ from pushgraph.scene import SLIDE, SWING
 
 SIGNIFICANT = 2.0
 """A hinge's anchor is moved by what was seen if that moves it by so many of its standard deviations."""
-AXIS_PULL = 0.002
-"""Sliders are taken to slide along the line of centres until they have moved by more than about this (m)."""
 ALONG_CENTRES = 0.94
 """Cosine of the angle to the line of centres up to which a slider is taken to stop where its bodies touch."""
 
@@ -44,15 +42,13 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
     relations = state.relations
     centres = as_complex(_centres(state).double())
     default = centres / centres.abs().clamp(min=1e-9)
-    hinge, slider = fits.hinge(), fits.slider()
+    hinge, slider = fits.hinge(), fits.slider(default)
 
     significant = (hinge.anchor_a + hinge.anchor_b).abs() / 2 > SIGNIFICANT * hinge.spread
     moved = torch.stack((hinge.anchor_a, hinge.anchor_b * _turn(-relations.yaw_offset)), -1) * significant[..., None]
     anchors = torch.stack((relations.anchor_a, relations.anchor_b), -2) + torch.view_as_real(moved)
 
-    scatter = fits.squared / fits.frames - (fits.drift / fits.frames).square()
-    line = ((scatter + AXIS_PULL**2 * default.square()).angle() / 2).to(torch.float64)
-    axis = torch.polar(torch.ones_like(line), line)
+    axis = slider.axis
     axis = torch.where((axis * default.conj()).real < 0, -axis, axis)
     ends = torch.stack((fits.first_drift, fits.last_drift), -1)
     reached = (ends * axis[..., None].conj()).real.sort(-1).values

@@ -27,6 +27,8 @@ MEASURED = 1e-3
 """Standard deviation of the drift in a frame (m) that is expected of a camera."""
 ANCHOR_SPREAD = 0.05
 """Before anything is seen, a hinge sits about so far from the middle of where its bodies face each other (m)."""
+AXIS_PULL = 0.002
+"""Sliders are taken to slide along the line of centres until the drift has spread by about this much (m)."""
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
 
 
@@ -154,13 +156,16 @@ class JointFits(NamedTuple):
         information = 4 * (count - self.turn.abs())
         return HingeFit(anchor_a, anchor_b, residual, residual.clamp(min=MEASURED) / information.sqrt())
 
-    def slider(self) -> SliderFit:
-        """The line that fits the drift best."""
+    def slider(self, line: Complex[Tensor, "batch pairs"]) -> SliderFit:
+        """The line that fits the drift best. line: unit vector that it is taken to have until more than AXIS_PULL is
+        seen."""
         centre = self.drift / self.frames
         scatter = self.squared / self.frames - centre * centre
         size = (self.square / self.frames - centre.abs().square()).clamp(min=0)
-        elongation = torch.minimum(scatter.abs(), size)
-        return SliderFit(centre, _axis(scatter), ((size + elongation) / 2).sqrt(), ((size - elongation) / 2).sqrt())
+        axis = _axis(scatter + (AXIS_PULL * line).square())
+        elongation = (scatter * axis.conj().square()).real
+        along, across = ((size + sign * elongation).clamp(min=0).div(2).sqrt() for sign in (1, -1))
+        return SliderFit(centre, axis, along, across)
 
     def turn_range(self) -> Float[Tensor, "batch pairs"]:
         """How far the pair has turned to and fro, at LEVER (m)."""

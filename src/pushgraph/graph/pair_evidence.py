@@ -109,7 +109,7 @@ def pair_evidence(
 
 def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:
     """How well each joint fits what was seen before this frame, and this frame. axis: of the pair's frame, in a's."""
-    fits, hinge, slider = frame.fits, frame.fits.hinge(), frame.fits.slider()
+    fits, hinge, slider = frame.fits, frame.fits.hinge(), frame.fits.slider(axis)
     off_hinge, off_slider = hinge.deviation(frame.relative), slider.deviation(frame.relative)
     fine = torch.stack(
         (
