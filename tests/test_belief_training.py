@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.belief import BeliefModel
+from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
 from pushgraph.dataset.sequences import SequenceSampler
 from pushgraph.dataset.store import Columns, Dataset, Recipe, write
-from pushgraph.errors import DatasetError, TrainingError
+from pushgraph.errors import CheckpointError, DatasetError, TrainingError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes
+from pushgraph.network.dynamics import ContactDynamics
 from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.training import belief, loop, watching
 from pushgraph.training.belief import BeliefTask, BeliefTraining, belief_loss, train_belief
@@ -152,3 +154,17 @@ def test_bad_trainings_are_refused(data) -> None:
     with pytest.raises(TrainingError, match="no such dataset"):
         BeliefTraining("belief", **data | {"data": str(Path("nowhere.h5"))})
     assert dataclasses.asdict(BeliefTraining("belief", **data))["frames"] == 200
+
+
+def test_belief_is_trained_on_physics_of_one_s_own(data, tmp_path) -> None:
+    own, out = str(tmp_path / "physics.safetensors"), str(tmp_path / "belief.safetensors")
+    save_checkpoint(Checkpoint("contact", {"hidden": 8, "steps": 1}, ContactDynamics(8, 1), {}), own)
+    training = BeliefTraining(model="belief", samples=240, physics=own, **data, **TINY)
+    train_belief(training, tmp_path, Path(out))
+    assert load_checkpoint(out).physics == load_checkpoint(own).hash
+    assert load_checkpoint(out).record["training"]["physics"] == "physics.safetensors"
+    assert BeliefModel.load(out, physics=own).network.hidden == 8
+    with pytest.raises(CheckpointError, match="trained on other weights of contact than those shipped; name those"):
+        BeliefModel.load(out)
+    with pytest.raises(CheckpointError, match="holds 'belief'; this belief stands on 'contact'"):
+        BeliefModel.load(out, physics=out)
