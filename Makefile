@@ -62,7 +62,7 @@ weights-propnet: data
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors
-	$(BELIEF) $(JOINTED) --frames 100 --samples 1600000 --learning-rate 1.5e-3 --seed 1 \
+	$(BELIEF) $(JOINTED) --frames 100 --samples 1800000 --learning-rate 1.5e-3 --seed 1 \
 	  --start-from $(CACHE)/belief-1.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
