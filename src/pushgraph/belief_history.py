@@ -52,9 +52,8 @@ class BeliefHistory:
         frames = track.at_frames()
         regulator = BeliefRegulator(scene, model, given)
         probabilities = []
-        poses = np.where(frames.seen[..., None], frames.poses, np.nan)
-        for frame, (of_nodes, down) in enumerate(zip(poses, frames.down.tolist(), strict=True)):
-            probabilities.append(regulator.observe(of_nodes, down))
+        for frame, (poses, down) in enumerate(frames.frames()):
+            probabilities.append(regulator.observe(poses, down))
             progress(frame, regulator)
         return cls(regulator.pairs, frames.times, np.stack(probabilities), frames.gaps, regulator.scene())
 
