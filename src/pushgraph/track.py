@@ -29,6 +29,8 @@ LIFTED = -1
 """Stands for the push while the tool is lifted."""
 FORMAT = "pushgraph.track"
 VERSION = 1
+MOST_PUSHES = 1_000_000
+"""Of a track whose scene does not say which pushes were made."""
 LONGEST_BRIDGE = 1.0
 """Across more than this (s) no pose is interpolated, however low the rate."""
 RESTED, RESTED_YAW = 3e-3, math.radians(1.0)
@@ -41,7 +43,7 @@ class Track:
     """Poses of node 0, the end-effector, and of the scene's bodies in order, in the world frame.
 
     times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is
-    under way, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
+    under way, any from 0 on if it has none, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
     alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on average since
     the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not measured.
     Raises TrackError if anything does not fit.
@@ -65,12 +67,13 @@ class Track:
             raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
         self._check_times()
         self._check_poses()
-        valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < max(len(self.scene.pushes), 1)))
+        most = len(self.scene.pushes) or MOST_PUSHES
+        valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < most))
         if not valid.all():
             frame = int(np.argmin(valid))
             raise TrackError(
                 f"push {self.push[frame]} at frame {frame}: valid are {LIFTED} (lifted) and the scene's pushes, "
-                f"0 to {max(len(self.scene.pushes), 1) - 1}"
+                f"0 to {most - 1}"
             )
 
     def _check_times(self) -> None:

@@ -32,7 +32,7 @@ def read_sightings(path: Path, options: ReadOptions = DEFAULTS) -> Sightings:
         if suffix in BINARY:
             return read_isolated(BINARY[suffix], path, options)
         if suffix not in TEXT:
-            raise TrackError(f"unknown kind of file; valid: {', '.join((*TEXT, *BINARY))}, or the folder of a ROS 2 bag")
+            raise TrackError(f"unknown kind of file; valid: {', '.join((*TEXT, *BINARY))}, a folder of ROS 2")
         with path.open("rb") as file:
             motive = is_motive(file.read(64))
         return (read_motive if motive else read_csv)(path, options)

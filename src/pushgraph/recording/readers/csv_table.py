@@ -109,7 +109,7 @@ class _Table:
         match = re.fullmatch(r"\s*(.*?)\s*(?:[(\[](.*)[)\]])?\s*", name)
         bare, unit = (match[1], match[2]) if match else (name, None)
         stem, _, ending = bare.rpartition("_")
-        if unit is None and stem and SYNONYMS.get(ending, ending) in ("cm", "mm", "deg", "rad", "ms", "us", "ns", "sec"):
+        if unit is None and stem and SYNONYMS.get(ending, ending) in ("cm", "mm", "deg", "rad", "ms", "us", "ns"):
             bare, unit = stem, ending
         if unit:
             self._declare(f"units: {unit}", f"line {self._skipped}: column {name.strip()!r}")

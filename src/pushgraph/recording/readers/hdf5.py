@@ -30,7 +30,7 @@ def _of_track(file: h5py.File, names: tuple[str, ...]) -> Sightings:
     times, poses, push = (np.asarray(stored(file, name)) for name in ("times", "poses", "push"))
     frames = len(times)
     if times.ndim != 1 or poses.shape != (frames, len(names), 3) or push.shape != (frames,):
-        raise TrackError(f"shapes of times, poses, push are {times.shape}, {poses.shape}, {push.shape}: they do not fit")
+        raise TrackError(f"times, poses, push: shapes {times.shape}, {poses.shape}, {push.shape} do not fit")
     x, y, yaw = poses.reshape(-1, 3).astype(float).T
     nothing = np.full(len(x), np.nan)
     times, push = np.repeat(times.astype(float), len(names)), np.repeat(push.astype(np.int64), len(names))

@@ -39,7 +39,7 @@ def read_parquet(path: Path, options: ReadOptions) -> Sightings:
         raise TrackError(f"no column 'timestamp'; columns: {', '.join(names)[:500]}")
     nodes = coordinates_of_nodes(names)
     if not nodes:
-        raise TrackError(f"no columns such as cup_x, cup_y, cup_yaw: nothing says where a node is; {', '.join(names)[:500]}")
+        raise TrackError(f"no columns such as cup_x, cup_y, cup_yaw; columns: {', '.join(names)[:500]}")
     push = columns[names.index("push")].astype(int).tolist() if "push" in names else None
     return sightings_of_table(nodes, columns[time], np.stack(columns, -1), push, Declared(), options)
 

@@ -82,7 +82,8 @@ def _read_rows(rows, header: _Header, options: ReadOptions) -> Sightings:
     units = header.fields.get("Length Units", "Meters").strip().lower()
     if units not in UNITS:
         raise TrackError(f"Length Units {units!r}; valid: {', '.join(UNITS)}")
-    return builder.finish(Declared(length=UNITS[units], angle="rad", time="s"), [f"{up} taken as up; --up says otherwise"])
+    declared = Declared(length=UNITS[units], angle="rad", time="s")
+    return builder.finish(declared, [f"{up} is taken as up; --up says otherwise"])
 
 
 def _number(row: Sequence[str], index: int, where: str) -> float:
