@@ -42,10 +42,11 @@ COLUMNS = ("time", "node", "x", "y", "yaw", "push")
 class Track:
     """Poses of node 0, the end-effector, and of the scene's bodies in order, in the world frame.
 
-    times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is
-    under way, any from 0 on if it has none, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
-    alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on average since
-    the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not measured.
+    times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is under way
+    (any number from 0 on if it has none), LIFTED between them. seen: False where a camera lost the node; its pose is
+    NaN there. The yaw alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on
+    average since the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not
+    measured.
     Raises TrackError if anything does not fit.
     """
 

@@ -1,6 +1,7 @@
 """From sightings of all nodes, each at its own times, to frames: all nodes at the same times."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -63,15 +64,15 @@ def series_of_nodes(
     node_of_row = of_node[sightings.node]
     push = _pushes(sightings, node_of_row == nodes.index(ROBOT), findings)
     series, unordered, doubled, differing = [], 0, 0, 0
+    resets: dict[str, tuple[float, float]] = {}
     for node, name in enumerate(nodes):
         rows = np.flatnonzero((node_of_row == node) & np.isfinite(sightings.time))
+        given = len(rows)
+        rows = _without_copies(sightings, rows)
+        doubled += given - len(rows)
         falls = np.diff(sightings.time[rows])
         if (falls < -CLOCK_RESET).any():
-            at = int(np.argmin(falls))
-            time = float(sightings.time[rows[at]])
-            cause = "a clock that was set anew, or two recordings in one file"
-            what = f"times fall back by {-falls[at]:g} s"
-            findings.append(Finding(what, name, time, time, cause, "split the file there", grave=True))
+            resets[name] = float(falls.min()), float(sightings.time[rows[int(falls.argmin())]])
         unordered += int((falls < 0).sum())
         rows = rows[np.argsort(sightings.time[rows], kind="stable")]
         poses = np.stack((sightings.x, sightings.y, sightings.yaw), -1)[rows]
@@ -86,6 +87,11 @@ def series_of_nodes(
         differing += int((np.abs(poses[1:] - poses[:-1])[again[1:]] > 1e-6).any(-1).sum())
         rows, poses = rows[~again], poses[~again]
         series.append(Series(sightings.time[rows], poses, push[rows]))
+    if resets:
+        fall, time = min(resets.values())
+        cause = "a clock that was set anew, or two recordings in one file"
+        what = f"times fall back by {-fall:g} s"
+        findings.append(Finding(what, listed(list(resets)), time, time, cause, "split the file there", grave=True))
     if unordered:
         findings.append(Finding(f"{plural(unordered, 'row')} out of order of time: sorted"))
     if doubled:
@@ -127,6 +133,13 @@ def assemble(series: Sequence[Series], lag: float = 0.0) -> Frames:
     return Frames(times[kept], poses[kept], push[kept], seen[kept])
 
 
+def clock_offset(series: Sequence[Series]) -> float:
+    """Seconds from the first sighting of a body to that of the robot if their clocks never agree; else 0."""
+    robot, times = series[0].time, _frame_times([body for body in series[1:] if len(body.time)])
+    apart = robot[-1] < times[0] or robot[0] > times[-1]
+    return float(robot[0] - times[0]) if apart else 0.0
+
+
 def interpolated(
     series: Series, times: Float[np.ndarray, " frames"], bridge: float
 ) -> tuple[Float[np.ndarray, "frames 3"], Bool[np.ndarray, " frames"]]:
@@ -155,7 +168,14 @@ def _frame_times(bodies: Sequence[Series]) -> Float[np.ndarray, " frames"]:
         if time - members[first[-1]] > half:
             first.append(index)
     bounds = [*first, len(times)]
-    return np.array([times[(a + b - 1) // 2] for a, b in zip(bounds[:-1], bounds[1:], strict=True)])
+    return np.array([times[(a + b - 1) // 2] for a, b in pairwise(bounds)])
+
+
+def _without_copies(sightings: Sightings, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " kept"]:
+    """Rows of one node without those that repeat an earlier one in time and pose."""
+    content = np.stack([column[rows] for column in (sightings.time, sightings.x, sightings.y, sightings.yaw)], -1)
+    _, first = np.unique(np.nan_to_num(content, nan=np.inf), axis=0, return_index=True)
+    return rows[np.sort(first)]
 
 
 def _lost_at_origin(poses: Float[np.ndarray, "rows 3"]) -> Bool[np.ndarray, " rows"]:
@@ -167,7 +187,9 @@ def _lost_at_origin(poses: Float[np.ndarray, "rows 3"]) -> Bool[np.ndarray, " ro
     return zero
 
 
-def _pushes(sightings: Sightings, robot: Bool[np.ndarray, " rows"], findings: list[Finding]) -> Int[np.ndarray, " rows"]:
+def _pushes(
+    sightings: Sightings, robot: Bool[np.ndarray, " rows"], findings: list[Finding]
+) -> Int[np.ndarray, " rows"]:
     """Push of each row of the robot: as said, or by its height, or one from each of its jumps to the next."""
     push = sightings.push.copy()
     unsaid = robot & (push == NO_PUSH)

@@ -13,7 +13,8 @@ from pushgraph.errors import TrackError
 from pushgraph.recording.sightings import Declared, Sightings
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-ANGLES = {"rad": 1.0, "deg": math.radians(1.0)}
+ANGLES = {"rad": 1.0, "deg": math.radians(1.0), "-rad": -1.0, "-deg": -math.radians(1.0)}
+"""With a minus: counted clockwise."""
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SYNONYMS = {
     **dict.fromkeys(("meter", "meters", "metre", "metres"), "m"),

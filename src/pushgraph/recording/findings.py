@@ -26,7 +26,8 @@ class Finding(NamedTuple):
         who = f"{self.node}: " if self.node else ""
         when = ""
         if np.isfinite(self.first):
-            when = f" at {self.first:.2f} s" if self.last == self.first else f" from {self.first:.2f} to {self.last:.2f} s"
+            ends = f"at {self.first:.2f}" if self.last == self.first else f"from {self.first:.2f} to {self.last:.2f}"
+            when = f" {ends} s"
         cause = f"; likely cause: {self.cause}" if self.cause else ""
         return f"{who}{self.what}{when}{cause}" + (f"; {self.remedy}" if self.remedy else "")
 

@@ -85,21 +85,22 @@ def _of_layout(scene: Scene, frames: Frames) -> list[Finding]:
     for name, factor in scales.items():
         scaled = [fit(start, end, mirrored, 1 / factor) for mirrored in (False, len(names) > 2)]
         if min(one.off for one in scaled) < good:
-            size = float(np.ptp(end, 0).max())
-            what = f"looks like {NAMES[name]}: the bodies stand {size:.3g} m apart, in the scene {np.ptp(start, 0).max():.3g}"
+            sizes = [float(np.ptp(points, 0).max()) for points in (end, start)]
+            what = f"looks like {NAMES[name]}: the bodies stand {sizes[0]:.3g} m apart, in the scene {sizes[1]:.3g}"
             return [Finding(what, cause=f"lengths in {NAMES[name]}", remedy=f"give --units {name}", grave=True)]
     if len(names) > 2 and (mirror := fit(start, end, True, 1.0)).off < good:
         turned = abs(float(wrap_angle(np.array(mirror.rotation))))
         axes = "swapped" if abs(turned - np.pi / 2) < np.pi / 4 else "mirrored"
         cause = "x and y exchanged" if axes == "swapped" else "an axis that points the other way, as y in an image"
-        what = f"the bodies stand as in a mirror of the scene ({mirror.off * 100:.1f} cm off, else {as_is.off * 100:.1f})"
+        off = f"{mirror.off * 100:.1f} cm off, else {as_is.off * 100:.1f}"
+        what = f"the bodies stand as in a mirror of the scene ({off})"
         return [Finding(what, cause=cause, remedy=f"give --axes {axes}", grave=True)]
     for a, b in combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[a, b]] = b, a
         if fit(start, end[order], False, 1.0).off < good:
             what = f"{names[a]} and {names[b]} stand where the scene has the other"
-            remedy = f"give --name for both, or correct the scene"
+            remedy = "give --name for both, or correct the scene"
             return [Finding(what, cause="their names or tags are exchanged", remedy=remedy, grave=True)]
     what = f"the bodies stand otherwise than in the scene, {as_is.off * 100:.0f} cm off on average, however turned"
     return [Finding(what, cause="poses in the scene that are not those of the start, or another scene")]
@@ -128,13 +129,33 @@ def _of_yaws(scene: Scene, frames: Frames) -> list[Finding]:
     first, there = _first_poses(frames)[:, 2], scene.poses_world_from_body[:, 2]
     alike = _yaws_alike(scene, first, there, degree)
     if not found and not alike:
-        return []
+        return _of_handedness(scene, frames)
     if found:
         name, seen, turns = max(found, key=lambda one: one[2])
         times = frames.times[seen]
         what = f"yaw looks like degrees: it turns by {turns:.1f} in one push"
         return [Finding(what, name, float(times[0]), float(times[-1]), "yaws in degrees", "give --units deg", True)]
     return [Finding(f"yaw looks like degrees: {alike}", cause="yaws in degrees", remedy="give --units deg", grave=True)]
+
+
+def _of_handedness(scene: Scene, frames: Frames) -> list[Finding]:
+    """Yaws that start as in the scene only if they count clockwise."""
+    first, there = _first_poses(frames), scene.poses_world_from_body
+    shown = np.isfinite(first).all(-1) & np.array([not isinstance(body.shape, Cylinder) for body in scene.bodies])
+    if not shown.any() or np.isfinite(first[:, 0]).sum() < 2:
+        return []
+    seen = np.isfinite(first[:, 0])
+    turned = fit(there[seen, :2], first[seen, :2], False, 1.0)
+    if turned.off > LAYOUT_OFF:
+        return []
+    as_is, clockwise = (
+        np.abs(wrap_angle(2 * (sign * first[shown, 2] - there[shown, 2] - turned.rotation))) / 2 for sign in (1, -1)
+    )
+    if as_is.max() < 2 * YAW_OFF or clockwise.max() > YAW_OFF:
+        return []
+    name = [name for name, yes in zip(scene.names, shown, strict=True) if yes][int(as_is.argmax())]
+    what = f"yaw starts {np.degrees(as_is.max()):.0f} degrees off the scene's, and as there if it counts clockwise"
+    return [Finding(what, name, cause="yaws that count clockwise", remedy="give --units -rad, or -deg", grave=True)]
 
 
 def _not_by_full_turns(raw: Float[np.ndarray, " steps"]) -> bool:

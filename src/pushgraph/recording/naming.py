@@ -41,8 +41,8 @@ def match_names(recorded: Sequence[str], nodes: Sequence[str], given: Mapping[st
     if missing and (unused or ROBOT in missing):
         example = unused[0] if unused else recorded[0]
         raise TrackError(
-            f"nothing in the recording is called {listed(missing)}; names left: {listed(unused, 30) or 'none'}; say what "
-            f"they are called: --name {example}={missing[0]}"
+            f"nothing in the recording is called {listed(missing)}; names left: {listed(unused, 30) or 'none'}; say "
+            f"what they are called: --name {example}={missing[0]}"
         )
     return matched
 

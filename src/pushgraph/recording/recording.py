@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from pushgraph.body import ROBOT
 from pushgraph.errors import TrackError
-from pushgraph.recording.assembly import Frames, assemble, series_of_nodes
+from pushgraph.recording.assembly import Frames, assemble, clock_offset, series_of_nodes
 from pushgraph.recording.convention import Convention
 from pushgraph.recording.files import read_sightings
 from pushgraph.recording.findings import Finding
@@ -18,19 +18,24 @@ from pushgraph.recording.layout import suspicions
 from pushgraph.recording.naming import match_names, unmatched
 from pushgraph.recording.sightings import DEFAULTS, NOTHING_DECLARED, Declared, ReadOptions, Sightings
 from pushgraph.recording.tag_errors import without_tag_errors
-from pushgraph.recording.touch import estimate_lag, touch_findings
+from pushgraph.recording.touch import MOST_LAG, Lag, estimate_lag, touch_findings
 from pushgraph.scene import Scene
 from pushgraph.track import LIFTED, Track
 
+WIDE_SEARCH = 3.0
+"""Clocks that never agree are first matched by when both begin, then by motions up to so many seconds away."""
+MISMATCH = 0.01
+"""A tool farther than this (m) from what moves, at the best lag, does not push it."""
 LEANING = 0.35
 """Nodes that lean more than this (rad) do not lie on the table."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was read. track: every node that could be believed, at the recording's own times. findings: what is doubtful.
+    """What was read.
 
-    lag: by how much (s) the robot's times were shifted.
+    track: every node where it could be believed, at the recording's own times. findings: what is doubtful. lag: by how
+    much (s) the robot's times were shifted.
     """
 
     track: Track
@@ -94,6 +99,9 @@ def recording_of(
     if any(finding.grave for finding in findings):
         return Recording(_track(scene, assemble(series)), tuple(findings))
 
+    offset = clock_offset(series) if lag is None else 0.0
+    if offset:
+        series[0] = series[0]._replace(time=series[0].time - offset)
     frames = assemble(series, lag or 0.0)
     if doubts := [*suspicions(scene, frames)]:
         findings += doubts
@@ -102,17 +110,32 @@ def recording_of(
 
     cleaned, wrong = without_tag_errors(scene, frames, mend)
     shifted = lag or 0.0
-    if lag is None and (found := estimate_lag(scene, series[0], cleaned)) and found.matters:
-        shifted = found.seconds
-        what = (
-            f"the robot is {abs(shifted):.3f} s {'behind' if shifted > 0 else 'ahead of'} the bodies: its times were "
-            f"shifted, and the tool is {found.off * 1e3:.1f} mm off what moves instead of {found.off_without * 1e3:.1f}"
-        )
-        remedy = f"--lag {shifted:g} confirms it, --lag 0 keeps its times"
-        findings.append(Finding(what, ROBOT, cause="clocks of robot and camera that differ", remedy=remedy))
-        cleaned, wrong = without_tag_errors(scene, assemble(series, shifted), mend)
-    findings += [*wrong, *touch_findings(scene, cleaned)]
-    return Recording(_track(scene, cleaned), tuple(findings), shifted)
+    if lag is None and (found := estimate_lag(scene, series[0], cleaned, WIDE_SEARCH if offset else MOST_LAG)):
+        if found.matters or offset:
+            shifted = found.seconds
+            findings.append(_lag_finding(found, offset))
+        elif found.off_without > MISMATCH:
+            what = f"what moves is {found.off_without * 1e3:.0f} mm from the tool, on average"
+            cause = "robot and camera in different frames or clocks, or a tool of another size"
+            findings.append(Finding(what, cause=cause, remedy="see --frame, --lag and the scene's tool"))
+        if shifted:
+            cleaned, wrong = without_tag_errors(scene, assemble(series, shifted), mend)
+    elif offset:
+        what = f"the robot's clock is {offset:g} s off the bodies', and too little moves to match them"
+        findings.append(Finding(what, cause="clocks of robot and camera that differ", remedy="give --lag", grave=True))
+    findings += wrong
+    if not any(finding.grave for finding in wrong):
+        findings += touch_findings(scene, cleaned)
+    return Recording(_track(scene, cleaned), tuple(findings), offset + shifted)
+
+
+def _lag_finding(lag: Lag, offset: float) -> Finding:
+    seconds = offset + lag.seconds
+    off = f"{lag.off * 1e3:.1f} mm off what moves" + f" instead of {lag.off_without * 1e3:.1f}" * (not offset)
+    side = "behind" if seconds > 0 else "ahead of"
+    what = f"the robot's clock is {abs(seconds):.12g} s {side} the camera's: its times were shifted, the tool is {off}"
+    remedy = f"--lag {seconds:.12g} confirms it, --lag 0 keeps its times"
+    return Finding(what, cause="clocks of robot and camera that differ", remedy=remedy, grave=lag.off > MISMATCH)
 
 
 def _leaning(sightings: Sightings, matched: Mapping[str, str]) -> list[Finding]:
