@@ -51,16 +51,16 @@ def _last_words(done: subprocess.CompletedProcess) -> str:
 
 def _packed(sightings: Sightings) -> bytes:
     memory = io.BytesIO()
-    header = json.dumps([sightings.names, sightings.declared, sightings.remarks])
+    header = json.dumps([sightings.names, sightings.declared, sightings.remarks, sightings.scene])
     np.savez(memory, header=np.array(header), **{name: getattr(sightings, name) for name in COLUMNS})
     return memory.getvalue()
 
 
 def _unpacked(content: bytes) -> Sightings:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        names, declared, remarks = json.loads(str(arrays["header"]))
+        names, declared, remarks, scene = json.loads(str(arrays["header"]))
         columns = {name: arrays[name] for name in COLUMNS}
-    return Sightings(tuple(names), **columns, declared=Declared(*declared), remarks=tuple(remarks))
+    return Sightings(tuple(names), **columns, declared=Declared(*declared), remarks=tuple(remarks), scene=scene)
 
 
 def _bound_memory(most: int) -> None:

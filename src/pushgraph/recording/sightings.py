@@ -1,7 +1,7 @@
 """Sightings: what any recording holds, one row for each node at each time, in the recording's own units and axes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +51,7 @@ class Sightings:
     names: of the nodes. node: index into them. time, x, y, yaw: in the recording's units; x, y, yaw NaN where lost.
     height: over the table, in the recording's unit of length; tilt: of the node's own upright axis (rad); both NaN in
     planar recordings. push: number of the push under way, -1 while lifted, NO_PUSH where it is not said. remarks: what
-    the reader noticed.
+    the reader noticed. scene: JSON of the scene that the file itself holds, or empty.
     """
 
     names: tuple[str, ...]
@@ -65,6 +65,7 @@ class Sightings:
     push: Int[np.ndarray, " rows"]
     declared: Declared = NOTHING_DECLARED
     remarks: tuple[str, ...] = ()
+    scene: str = ""
 
     def __post_init__(self) -> None:
         if not len(self.time):
@@ -80,7 +81,7 @@ class Sightings:
         return np.isfinite(self.x) & np.isfinite(self.y)
 
 
-COLUMNS = tuple(field.name for field in fields(Sightings) if field.name not in ("names", "declared", "remarks"))
+COLUMNS = ("time", "node", "x", "y", "yaw", "height", "tilt", "push")
 """Fields of sightings that hold a value a row."""
 
 

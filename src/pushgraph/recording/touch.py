@@ -235,7 +235,7 @@ def _runs(where: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
 
 
 def _too_far_apart(scene: Scene, frames: Frames) -> list[Finding]:
-    """A tool that goes farther from frame to frame than it and a body are wide, on average, may have swept it unseen."""
+    """A tool that goes farther from frame to frame than it and a body are wide, on average, may sweep that unseen."""
     together = frames.down[1:] & (frames.push[1:] == frames.push[:-1])
     steps = np.hypot(*np.diff(frames.poses[:, 0, :2], axis=0).T)[together]
     if not len(steps):
@@ -248,7 +248,7 @@ def _too_far_apart(scene: Scene, frames: Frames) -> list[Finding]:
         return []
     what = (
         f"{rate:.3g} frames a second are too few: the tool goes {step * 100:.1f} cm from one to the next, and may have "
-        f"swept bodies between them: at most {width * 100:.1f} cm are good, as wide as it and the narrowest are on average"
+        f"swept bodies between them; at most {width * 100:.1f} cm are good, the mean width of it and the narrowest body"
     )
     return [Finding(what, remedy=f"record at {math.ceil(rate * step / width)} Hz or more, or push more slowly")]
 

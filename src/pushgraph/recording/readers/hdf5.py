@@ -35,7 +35,10 @@ def _of_track(file: h5py.File, names: tuple[str, ...]) -> Sightings:
     nothing = np.full(len(x), np.nan)
     times, push = np.repeat(times.astype(float), len(names)), np.repeat(push.astype(np.int64), len(names))
     node = np.tile(np.arange(len(names)), frames)
-    return Sightings(names, times, node, x, y, yaw, nothing, nothing, push)
+    scene = file.attrs.get("scene")
+    if not isinstance(scene, str):
+        raise TrackError("attribute 'scene' must be the scene as JSON")
+    return Sightings(names, times, node, x, y, yaw, nothing, nothing, push, scene=scene)
 
 
 def _of_sightings(file: h5py.File, names: tuple[str, ...]) -> Sightings:

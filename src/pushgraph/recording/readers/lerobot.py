@@ -27,7 +27,7 @@ def read_parquet(path: Path, options: ReadOptions) -> Sightings:
     except (arrow.ArrowException, OSError) as error:
         raise TrackError(f"no parquet file: {error}") from None
     if "episode_index" in plain:
-        table = _episode(table, options.episode, arrow)
+        table = _episode(table, options.episode)
     names: list[str] = []
     columns: list[np.ndarray] = []
     for name in plain:
@@ -51,14 +51,15 @@ def _holds_numbers(kind, arrow) -> bool:
     return types.is_integer(kind) or types.is_floating(kind)
 
 
-def _episode(table, wanted: int | None, arrow):
-    episodes = sorted(set(table["episode_index"].to_pylist()))
+def _episode(table, wanted: int | None):
+    of_row = table["episode_index"].to_pylist()
+    episodes = sorted(set(of_row))
     if wanted is None and len(episodes) > 1:
         raise TrackError(f"holds episodes {episodes[0]} to {episodes[-1]}; choose one with --episode")
     wanted = episodes[0] if wanted is None and episodes else wanted
     if wanted not in episodes:
         raise TrackError(f"no episode {wanted}; valid: {', '.join(map(str, episodes[:20]))}")
-    return table.filter(arrow.compute.equal(table["episode_index"], wanted))
+    return table.take([row for row, episode in enumerate(of_row) if episode == wanted])
 
 
 def _matrix(column, name: str) -> np.ndarray:
