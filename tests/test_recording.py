@@ -358,9 +358,8 @@ def test_names_that_are_exchanged_are_refused(film, scene, tmp_path) -> None:
 
 
 def test_bodies_that_move_untouched_and_tools_inside_bodies_are_said(film, scene, tmp_path) -> None:
-    ahead = np.linspace(0, 0.02, 15)
-    film.poses[:15, 4, 0] += ahead
-    film.poses[15:, 4, 0] += 0.02
+    film.poses[10:14, 4, 0] += np.linspace(0, 0.02, 4)
+    film.poses[14:, 4, 0] += 0.02
     assert "crate: moves untouched, by 2.0 cm" in said(read_recording(film.save(tmp_path / "film.csv"), scene))
     wide = scene.replace(tool=Tool.round(0.10))
     assert "arm: the tool is up to 25 mm inside" in said(read_recording(film.save(tmp_path / "film.csv"), wide))
@@ -401,7 +400,7 @@ def test_track_on_the_command_line_reports_converts_and_refuses(film, scene, tru
     film.names = tuple(f"Take:{name}" for name in film.names)
     recorded, converted = film.save(tmp_path / "film.csv"), tmp_path / "track.h5"
     code, output = run("track", recorded, "--out", converted)
-    assert (code, "Take:plate" in output, "No --scene" in output) == (0, True, True)
+    assert (code, "Take:" in output, "No --scene" in output) == (0, True, True)
     code, output = run("track", converted, "--scene", tmp_path / "scene.json", "--mend", "--out", tmp_path / "again.h5")
     assert code == 0, output
     assert "plate: turned by 180 degrees" in output

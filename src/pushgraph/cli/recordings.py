@@ -138,7 +138,7 @@ def track(
     from pushgraph.recording.summary import doubts, summarize
     from pushgraph.scene import Scene
 
-    declared = _declared(units, axes, frame)
+    declared, names = _declared(units, axes, frame), _pairs(name)
     sightings = read_sightings(file, ReadOptions(up, episode))
     world = Convention.of(sightings.declared.overruled_by(declared)).apply(sightings)
     console.print(_summary_table(file, summarize(world)))
@@ -150,7 +150,7 @@ def track(
     else:
         try:
             recorded = load_scene(scene) if scene else Scene.from_json(sightings.scene, f"{file}: scene")
-            recording = recording_of(sightings, recorded, _pairs(name), declared, lag, mend)
+            recording = recording_of(sightings, recorded, names, declared, lag, mend)
         except TrackError as error:
             raise TrackError(f"{file}: {error}") from None
         _print_findings(finding for finding in recording.findings if not finding.grave)

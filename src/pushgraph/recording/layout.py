@@ -4,6 +4,7 @@ The scene's poses may be nominal, and where its origin lies is free: only the sh
 suggests is said, never applied.
 """
 
+import math
 from itertools import combinations
 from typing import NamedTuple
 
@@ -89,7 +90,7 @@ def _of_layout(scene: Scene, frames: Frames) -> list[Finding]:
             what = f"looks like {NAMES[name]}: the bodies stand {sizes[0]:.3g} m apart, in the scene {sizes[1]:.3g}"
             return [Finding(what, cause=f"lengths in {NAMES[name]}", remedy=f"give --units {name}", grave=True)]
     if len(names) > 2 and (mirror := fit(start, end, True, 1.0)).off < good:
-        turned = abs(float(wrap_angle(np.array(mirror.rotation))))
+        turned = abs(math.remainder(mirror.rotation, math.tau))
         axes = "swapped" if abs(turned - np.pi / 2) < np.pi / 4 else "mirrored"
         cause = "x and y exchanged" if axes == "swapped" else "an axis that points the other way, as y in an image"
         off = f"{mirror.off * 100:.1f} cm off, else {as_is.off * 100:.1f}"
@@ -169,7 +170,7 @@ def _yaws_alike(scene: Scene, first: np.ndarray, there: np.ndarray, degree: floa
     for node in np.flatnonzero(known & (np.abs(first) > 2 * np.pi)).tolist():
         others = known & (np.abs(there) < 0.01)
         turned = np.median(first[others] * degree - there[others]) if others.any() else 0.0
-        if abs(float(wrap_angle(np.array(first[node] * degree - there[node] - turned)))) < YAW_OFF:
+        if abs(math.remainder(first[node] * degree - there[node] - turned, math.tau)) < YAW_OFF:
             return f"{scene.names[node]} starts at {first[node]:.1f}, in the scene at {there[node]:.2f} rad"
     return ""
 

@@ -1,7 +1,7 @@
 """What the tool touches, and what moves: too deep, untouched, too far from frame to frame; and the robot's lag."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations, pairwise
 from typing import NamedTuple
 
@@ -68,13 +68,13 @@ def estimate_lag(scene: Scene, robot: Series, frames: Frames, most: float = MOST
     moments = moments[np.linspace(0, len(moments) - 1, min(len(moments), MOST_MOMENTS)).astype(int)]
     moving = _moving(frames)[moments]
 
-    def off(lags: Sequence[float]) -> np.ndarray:
-        return np.array([_distance_to_moving(scene, robot, frames, moments, moving, lag) for lag in lags])
+    def off(lags: Float[np.ndarray, " lags"]) -> Float[np.ndarray, " lags"]:
+        return np.array([_distance_to_moving(scene, robot, frames, moments, moving, lag) for lag in lags.tolist()])
 
     coarse = np.arange(-most, most + 1e-9, 4 * FINE_LAG)
     best = coarse[int(off(coarse).argmin())]
     fine = best + np.arange(-4, 5) * FINE_LAG
-    values = off([*fine, 0.0])
+    values = off(np.append(fine, 0.0))
     index = int(values[:-1].argmin())
     return Lag(round(float(fine[index]), 4), float(values[index]), float(values[-1]))
 
