@@ -61,7 +61,7 @@ def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
     frames = len(track.times)
     moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
     found = {}
-    for frame, (poses, down) in enumerate(zip(track.poses, track.down.tolist(), strict=True)):
+    for frame, (poses, down) in enumerate(track.frames()):
         probabilities = regulator.observe(poses, down)
         if frame in moments:
             scene = joined_as(regulator.scene(), track.scene)
