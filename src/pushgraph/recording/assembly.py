@@ -59,8 +59,8 @@ def series_of_nodes(
     """Sightings in the world frame, sorted by node and time, without what is lost or stands twice."""
     findings = [Finding(remark) for remark in sightings.remarks]
     of_node = np.full(len(sightings.names), -1)
-    for name, node in matched.items():
-        of_node[sightings.names.index(name)] = nodes.index(node)
+    for recorded, node_name in matched.items():
+        of_node[sightings.names.index(recorded)] = nodes.index(node_name)
     node_of_row = of_node[sightings.node]
     push = _pushes(sightings, node_of_row == nodes.index(ROBOT), findings)
     series, unordered, doubled, differing = [], 0, 0, 0

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pushgraph.errors import TrackError
 
+FARTHEST = 1e8
+"""Positions beyond this, whatever their unit, are damaged."""
 NO_PUSH = -2
 """The recording does not say which push is under way."""
 
@@ -78,7 +80,7 @@ class Sightings:
     @property
     def seen(self) -> Bool[np.ndarray, " rows"]:
         """Whether the node was seen; its yaw alone may be missing."""
-        return np.isfinite(self.x) & np.isfinite(self.y)
+        return (np.abs(self.x) < FARTHEST) & (np.abs(self.y) < FARTHEST)
 
 
 COLUMNS = ("time", "node", "x", "y", "yaw", "height", "tilt", "push")
@@ -110,7 +112,9 @@ class SightingsBuilder:
         """All rows added; raises TrackError if there are none."""
         columns = np.array(self._rows, dtype=float).reshape(-1, len(COLUMNS)).T
         kinds = {"node": np.int64, "push": np.int64}
-        named = {name: column.astype(kinds.get(name, float)) for name, column in zip(COLUMNS, columns, strict=True)}
+        named: dict[str, Any] = {
+            name: column.astype(kinds.get(name, float)) for name, column in zip(COLUMNS, columns, strict=True)
+        }
         return Sightings(tuple(self._index), **named, declared=declared, remarks=tuple(remarks))
 
 

@@ -78,7 +78,8 @@ def _moved_reference(scene: Scene, frames: Frames, mend: bool) -> Checked:
         before, after = frames.poses[step, bodies], frames.poses[step + 1, bodies]
         motion = fit(before[:, :2], after[:, :2], False, 1.0)
         turns = np.abs(wrap_angle(after[:, 2] - before[:, 2] - motion.rotation))
-        if motion.off > RIGID or np.nanmedian(turns) > RIGID_YAW:
+        known = turns[np.isfinite(turns)]
+        if motion.off > RIGID or (len(known) and np.median(known) > RIGID_YAW):
             continue
         middle = pose.rotate(before[:, :2].mean(0), motion.rotation)
         pose_new_from_old = np.array([*(after[:, :2].mean(0) - middle), motion.rotation])

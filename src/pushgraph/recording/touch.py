@@ -158,12 +158,12 @@ def _untouched(scene: Scene, frames: Frames, gaps: Float[np.ndarray, "frames bod
     reached = _reached(scene, frames, gaps)
     drifts: dict[int, tuple[float, float, float, float]] = {}
     for k in range(len(scene.bodies)):
-        for first, last in _runs(~reached[:, k]):
-            at = np.arange(first, last)[frames.seen[first:last, k + 1]]
+        for begin, end in _runs(~reached[:, k]):
+            at = np.arange(begin, end)[frames.seen[begin:end, k + 1]]
             if len(at) < 2:
                 continue
             few = min(5, len(at) // 2)
-            ends = [np.nanmedian(frames.poses[some, k + 1], axis=0) for some in (at[:few], at[-few:])]
+            ends = [np.median(frames.poses[some, k + 1], axis=0) for some in (at[:few], at[-few:])]
             shift = float(np.hypot(*(ends[1] - ends[0])[:2]))
             turn = float(np.nan_to_num(np.abs(wrap_angle(ends[1][2:] - ends[0][2:])))[0])
             if (shift > STRAY or turn > STRAY_YAW) and shift + turn > sum(drifts.get(k, (0, 0, 0, 0))[:2]):
@@ -195,8 +195,8 @@ def _reached(
     ahead = np.maximum(steps, np.append(steps[1:], 0.0))
     touched = gaps < REACH + ahead[:, None]
     reached = np.zeros_like(touched)
-    for first, last, connected in _connected(scene, frames):
-        reached[first:last] = touched[first:last] @ connected
+    for begin, end, connected in _connected(scene, frames):
+        reached[begin:end] = touched[begin:end] @ connected
     last = np.maximum.accumulate(np.where(reached, frames.times[:, None], -np.inf), axis=0)
     return (frames.times[:, None] - last < COASTING) & ~scene.immovable
 
@@ -218,8 +218,8 @@ def _connected(scene: Scene, frames: Frames) -> Iterator[tuple[int, int, Bool[np
         near = np.hypot(between[:, 0], between[:, 1]) < circles[a] + circles[b] + NEIGHBOURS
         near &= frames.seen[some, owner[a] + 1] & frames.seen[some, owner[b] + 1]
         if near.any():
-            boxes = [take(parts.boxes, torch.tensor([part])) for part in (a, b)]
-            near[near] = (signed_gap(*boxes, torch.from_numpy(between[near])) < NEIGHBOURS).numpy()
+            box_a, box_b = (take(parts.boxes, torch.tensor([part])) for part in (a, b))
+            near[near] = (signed_gap(box_a, box_b, torch.from_numpy(between[near])) < NEIGHBOURS).numpy()
             near = np.maximum.accumulate(near)
             linked[:, owner[a], owner[b]] |= near
             linked[:, owner[b], owner[a]] |= near

@@ -41,7 +41,7 @@ def read_bag(path: Path, options: ReadOptions) -> Sightings:
             topics = ", ".join(f"{topic} ({kind})" for topic, kind in found.items()) or "none"
             raise TrackError(f"no topic with poses; valid types: {', '.join(POSES)}; topics: {topics[:500]}")
         for connection, recorded, raw in reader.messages(wanted):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             if _says_push(connection):
                 push = max(int(message.data), -1)
                 continue

@@ -92,8 +92,8 @@ class _Table:
             values.append([self._number(row[index], line, self._columns[index]) for index in needed])
             push.append(self._push(row, places, line))
         table = {node: {name: needed.index(k) for name, k in found.items()} for node, found in nodes.items()}
-        values = np.array(values, dtype=float).reshape(-1, len(needed))
-        return sightings_of_table(table, np.array(times), values, push, self._declared, self._options)
+        whole = np.array(values, dtype=float).reshape(-1, len(needed))
+        return sightings_of_table(table, np.array(times), whole, push, self._declared, self._options)
 
     def _lines(self) -> Iterator[tuple[int, Sequence[str]]]:
         for row in self._rows:

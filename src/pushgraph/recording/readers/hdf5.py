@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -42,7 +43,7 @@ def _of_track(file: h5py.File, names: tuple[str, ...]) -> Sightings:
 
 
 def _of_sightings(file: h5py.File, names: tuple[str, ...]) -> Sightings:
-    columns = {name: np.asarray(stored(file, name)) for name in COLUMNS}
+    columns: dict[str, Any] = {name: np.asarray(stored(file, name)) for name in COLUMNS}
     rows = len(columns["time"])
     for name, column in columns.items():
         whole = name in ("node", "push")

@@ -1,7 +1,7 @@
 """CSV exports of OptiTrack's Motive: rigid bodies with positions and quaternions, y up unless said otherwise."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,8 +39,8 @@ def read_motive(path: Path, options: ReadOptions) -> Sightings:
         raise TrackError(f"no CSV: {error}") from None
 
 
-def _read_header(rows) -> _Header:
-    first = next(rows, [])
+def _read_header(rows: Iterator[list[str]]) -> _Header:
+    first: list[str] = next(rows, [])
     fields = dict(zip(first[::2], first[1::2], strict=False))
     above: list[list[str]] = []
     for row in rows:
