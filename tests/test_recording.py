@@ -129,6 +129,15 @@ def test_a_pause_costs_one_frame_however_long_it_is(scene) -> None:
     np.testing.assert_array_equal(frames.times[[0, 1, 3]], [5.0, 5.05, 1e9])
 
 
+def test_frames_of_frames_are_the_same(scene) -> None:
+    for gap in (0.05, 0.08, 0.14, 0.15, 3.0):
+        times = [0.0, 0.05, 0.05 + gap, 0.10 + gap]
+        frames = frames_of(scene, times, [-0.5, -0.49, 0.9, 0.91], [0, 0, 1, 1]).at_frames()
+        again = frames.at_frames()
+        np.testing.assert_allclose(again.times, frames.times)
+        assert again.push.tolist() == frames.push.tolist() == [0, 0, LIFTED, 1, 1]
+
+
 def test_what_moved_during_a_pause_is_not_seen_in_it(scene) -> None:
     track = frames_of(scene, [0.0, 0.05, 9.0], [-0.5, -0.49, -0.48], [0, 0, 1])
     track.poses[2, 3, 0] += 0.01

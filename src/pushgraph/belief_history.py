@@ -52,7 +52,7 @@ class BeliefHistory:
         frames = track.at_frames()
         regulator = BeliefRegulator(scene, model, given)
         probabilities = []
-        for frame, (poses, down) in enumerate(frames.frames()):
+        for frame, (poses, down) in enumerate(track.frames()):
             probabilities.append(regulator.observe(poses, down))
             progress(frame, regulator)
         return cls(regulator.pairs, frames.times, np.stack(probabilities), frames.gaps, regulator.scene())

@@ -267,7 +267,7 @@ class _Frames(NamedTuple):
 
 
 def _lift_between(before: _Frames, after: _Frames) -> _Frames:
-    """One lifted frame halfway between two stretches.
+    """One lifted frame after the first of two stretches, and before the second.
 
     A body that moved from one to the other is not seen in it, so that its motion is not taken for one without cause.
     """
@@ -279,7 +279,7 @@ def _lift_between(before: _Frames, after: _Frames) -> _Frames:
     rested[0] = True
     seen = after.seen[:1] & before.seen[-1:] & rested
     poses[~seen] = np.nan
-    time = (before.times[-1:] + after.times[:1]) / 2
+    time = np.minimum((before.times[-1:] + after.times[:1]) / 2, before.times[-1:] + FRAME)
     return _Frames(time, poses, np.full(1, LIFTED, dtype=after.push.dtype), seen)
 
 
