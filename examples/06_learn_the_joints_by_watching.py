@@ -22,13 +22,12 @@ def main() -> None:
     seen = pg.simulate(truth)
 
     regulator = pg.BeliefRegulator(truth.replace(joints=()))
-    camera = np.random.default_rng(0)
-    for frame, (poses, push) in enumerate(zip(seen.poses, seen.push, strict=True)):
-        if push == 1:
-            break
-        noise = camera.normal(size=poses.shape) * [0.0005, 0.0005, 0.004]
-        noise[0] = 0.0  # the robot knows where it is
-        probabilities = regulator.observe(poses + noise, down=bool(push == 0))
+    until = int(np.argmax(seen.push == 1))  # the second push is yet to come
+    noise = np.random.default_rng(0).normal(size=seen.poses.shape) * [0.0005, 0.0005, 0.004]
+    noise[:, 0] = 0.0  # the robot knows where it is
+    track = pg.Track(truth, seen.times[:until], (seen.poses + noise)[:until], seen.push[:until], seen.seen[:until])
+    for frame, (poses, down) in enumerate(track.frames()):
+        probabilities = regulator.observe(poses, down)
         if frame % 8 == 0:
             row = dict(zip(regulator.pairs, probabilities, strict=True))["left", "middle"]
             print(

@@ -11,6 +11,7 @@ import pytest
 
 from pushgraph.scene import Scene
 from pushgraph.shape import Polygon
+from pushgraph.simulation.planar import simulate
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -63,6 +64,17 @@ def test_the_readme_s_make_targets_and_links_exist() -> None:
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_the_loop_over_a_recording_runs_as_printed(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "track.md").read_text(), re.S)
+    loop = "for poses, down in track.frames():"
+    pages = (ROOT / "docs" / "track.md", ROOT / "docs" / "belief.md", ROOT / "README.md")
+    assert all(loop in page.read_text() for page in pages)
+    scene = Scene.load(ROOT / "src" / "pushgraph" / "scenes" / "demo.json")
+    (tmp_path / "scene.json").write_text(scene.to_json())
+    simulate(scene).save(tmp_path / "camera.csv")
+    run([sys.executable, "-c", code + "\nassert regulator.frames == 115"], tmp_path)
 
 
 def test_the_scene_in_the_manual_is_valid() -> None:

@@ -12,6 +12,7 @@ SOURCE = ROOT / "src" / "pushgraph"
 ORDER = [
     "errors",
     "storage",
+    "stored_array",
     "record",
     "pose",
     "contact",
@@ -27,6 +28,7 @@ ORDER = [
     "scene_range",
     "track",
     "plausibility",
+    "recording",
     "simulation",
     "dataset",
     "graph",

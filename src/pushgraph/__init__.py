@@ -21,6 +21,8 @@ _MODULE_OF = {
     **dict.fromkeys(("Body", "Joint"), "pushgraph.body"),
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
+    **dict.fromkeys(("Recording", "read_recording"), "pushgraph.recording.recording"),
+    **dict.fromkeys(("Declared", "ReadOptions"), "pushgraph.recording.sightings"),
     **dict.fromkeys(("assumptions", "remarks"), "pushgraph.plausibility"),
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "PhysicsPredictor": "pushgraph.physics",

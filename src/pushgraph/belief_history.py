@@ -55,9 +55,8 @@ class BeliefHistory:
         frames = track.at_frames()
         regulator = BeliefRegulator(scene, model, given)
         probabilities = []
-        poses = np.where(frames.seen[..., None], frames.poses, np.nan)
-        for frame, (of_nodes, down) in enumerate(zip(poses, frames.down.tolist(), strict=True)):
-            probabilities.append(regulator.observe(of_nodes, down))
+        for frame, (poses, down) in enumerate(track.frames()):
+            probabilities.append(regulator.observe(poses, down))
             progress(frame, regulator)
         believed = np.stack(probabilities)
         return cls(regulator.pairs, frames.times, believed, frames.gaps, regulator.joints(), regulator.scene())

@@ -22,7 +22,7 @@ from pushgraph.scene import OVERLAP, Scene
 from pushgraph.shape import Polygon, rounded_boxes, take
 
 LONGEST_JUMP = 0.2
-"""A node that moves farther than this in a frame (m) was mistaken for another, or times are wrong."""
+"""A body that moves farther than this in a frame (m) was mistaken for another; a tool that does was lifted."""
 LEAST_ROOM = 1e-3
 """A joint at its limit still has this room (m or rad): what was seen beyond the limit is noise."""
 PARTING_ROUNDS = 100
@@ -32,8 +32,8 @@ class BeliefRegulator:
     """Learns the joint of every pair of bodies from poses, one frame at a time, in constant memory.
 
     regulator = BeliefRegulator(scene)
-    for poses in camera:
-        probabilities = regulator.observe(poses)
+    for poses, down in track.frames():
+        probabilities = regulator.observe(poses, down)
 
     Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
     it knows to be apart) hold. Masses and frictions are taken as the scene tells them.
@@ -58,17 +58,18 @@ class BeliefRegulator:
         self._unseen = np.zeros(len(self._poses), dtype=np.int64)
         self._ever_seen = np.zeros(len(self._poses), dtype=bool)
         self._yaw_known = np.array([True, *(body.yaw_known for body in scene.bodies)])
-        self._down = False
         self._watch: Watch | None = None
 
     def observe(self, poses: Float[np.ndarray, "nodes 3"], down: bool = True) -> Float[np.ndarray, "pairs joints"]:
         """Learn from one frame, 0.05 s after the last: pose_world_from_tool, then pose_world_from_body in order.
 
         A body that was not seen has NaN for x and y; a yaw that cannot be known may be NaN. `down`: whether the tool
-        is down on the table. Returns probabilities; columns in the order of JOINT_CODES: none, fixed, prismatic,
-        revolute. Raises BeliefError, and learns nothing, if a pose is not finite or a node jumped.
+        is down on the table; a tool that jumps was lifted meanwhile. `pushgraph.Track.frames` yields both. Returns
+        probabilities; columns in the order of JOINT_CODES: none, fixed, prismatic, revolute. Raises BeliefError, and
+        learns nothing, if a pose is not finite or a body jumped.
         """
-        poses, seen = self._checked(np.array(poses, dtype=float), down)
+        poses, seen = self._checked(np.array(poses, dtype=float))
+        lifted = np.hypot(*(poses[0] - self._poses[0])[:2]) > LONGEST_JUMP
         room = self._scenes.mass.shape[1]
         bodies, in_sight = np.zeros((1, room, 3)), np.zeros((1, room), dtype=bool)
         bodies[0, : len(poses) - 1], in_sight[0, : len(poses) - 1] = poses[1:], seen[1:]
@@ -78,8 +79,10 @@ class BeliefRegulator:
             if self._watch is None:
                 self._watch = self.model.begin(self._scenes, *frame)
             else:
-                self._watch = self.model.observe(self._watch, *frame)
-        self._poses, self._down = poses, down
+                view = self._watch.view
+                before = self._watch._replace(view=view._replace(down=view.down & (not lifted)))
+                self._watch = self.model.observe(before, *frame)
+        self._poses = poses
         self._unseen = np.where(seen, 0, self._unseen + 1)
         self._ever_seen |= seen
         self.frames += 1
@@ -132,7 +135,7 @@ class BeliefRegulator:
             raise BeliefError("nothing was observed yet; call observe first")
         return self._watch
 
-    def _checked(self, poses: np.ndarray, down: bool) -> tuple[np.ndarray, Bool[np.ndarray, " nodes"]]:
+    def _checked(self, poses: np.ndarray) -> tuple[np.ndarray, Bool[np.ndarray, " nodes"]]:
         """Poses of all nodes, where they were last if they were not seen, yaws without leaps; and which were seen."""
         names = (ROBOT, *self.original.names)
         if poses.shape != (len(names), 3):
@@ -151,7 +154,7 @@ class BeliefRegulator:
             raise BeliefError(f"{ROBOT!r} is missing in frame {self.frames}: its pose is always needed")
         leap = np.hypot(*(poses - last)[:, :2].T)
         too_far = seen & self._ever_seen & (leap > LONGEST_JUMP * (self._unseen + 1))
-        too_far[0] &= down and self._down
+        too_far[0] = False
         if too_far.any():
             node = int(np.argmax(too_far))
             raise BeliefError(

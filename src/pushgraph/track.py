@@ -4,9 +4,11 @@ import csv
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -14,8 +16,10 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph.body import ROBOT
 from pushgraph.errors import SceneError, TrackError
+from pushgraph.pose import wrap_angle
 from pushgraph.scene import Scene
 from pushgraph.storage import replacing, replacing_hdf5
+from pushgraph.stored_array import stored
 
 FRAME = 0.05
 """Seconds from one frame to the next."""
@@ -25,6 +29,12 @@ LIFTED = -1
 """Stands for the push while the tool is lifted."""
 FORMAT = "pushgraph.track"
 VERSION = 1
+MOST_PUSHES = 1_000_000
+"""Of a track whose scene does not say which pushes were made."""
+LONGEST_BRIDGE = 1.0
+"""Across more than this (s) no pose is interpolated, however low the rate."""
+RESTED, RESTED_YAW = 3e-3, math.radians(1.0)
+"""A body that moved less than this (m, rad) while the recorder paused has rested."""
 COLUMNS = ("time", "node", "x", "y", "yaw", "push")
 
 
@@ -32,10 +42,11 @@ COLUMNS = ("time", "node", "x", "y", "yaw", "push")
 class Track:
     """Poses of node 0, the end-effector, and of the scene's bodies in order, in the world frame.
 
-    times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is
-    under way, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
-    alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on average since
-    the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not measured.
+    times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is under way
+    (any number from 0 on if it has none), LIFTED between them. seen: False where a camera lost the node; its pose is
+    NaN there. The yaw alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on
+    average since the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not
+    measured.
     Raises TrackError if anything does not fit.
     """
 
@@ -57,12 +68,13 @@ class Track:
             raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
         self._check_times()
         self._check_poses()
-        valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < max(len(self.scene.pushes), 1)))
+        most = len(self.scene.pushes) or MOST_PUSHES
+        valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < most))
         if not valid.all():
             frame = int(np.argmin(valid))
             raise TrackError(
                 f"push {self.push[frame]} at frame {frame}: valid are {LIFTED} (lifted) and the scene's pushes, "
-                f"0 to {max(len(self.scene.pushes), 1) - 1}"
+                f"0 to {most - 1}"
             )
 
     def _check_times(self) -> None:
@@ -116,35 +128,61 @@ class Track:
         return lost
 
     def at_frames(self) -> "Track":
-        """The same track in frames of 0.05 s, from its first time on; itself if it is so already.
+        """The same track in frames of 0.05 s; itself if it is so already.
 
-        Poses between two sightings are interpolated if they are no farther apart than one and a half of the track's
-        own interval, or of two frames; else the node was not seen. Yaws turn the shorter way.
+        Every push begins with a frame at its first sample. A pause, or another push without a lift between, is cut
+        out: one lifted frame stands for it, in which bodies that moved meanwhile are not seen. Poses between two
+        sightings are interpolated if these are no farther apart than `longest_bridge`; else the node was not seen.
+        Yaws turn the shorter way.
         """
-        count = round((self.times[-1] - self.times[0]) / FRAME) + 1
-        times = self.times[0] + np.arange(count) * FRAME
-        if len(times) == len(self.times) and np.abs(times - self.times).max() < ON_TIME:
+        joined = self.down[1:] & self.down[:-1] & (self.push[1:] != self.push[:-1])
+        grid = self.times[0] + np.arange(len(self.times)) * FRAME
+        if not joined.any() and np.abs(self.times - grid).max() < ON_TIME:
             return self
-        times = times[times <= self.times[-1] + ON_TIME]
-        bridged = 1.5 * max(float(np.median(np.diff(self.times))), 2 * FRAME)
+        begins = self.down[1:] & (self.push[1:] != self.push[:-1]) | (np.diff(self.times) > self.longest_bridge)
+        bounds = [0, *(np.flatnonzero(begins) + 1).tolist(), len(self.times)]
+        stretches = [self._stretch_in_frames(slice(*ends)) for ends in pairwise(bounds)]
+        parts = stretches[:1]
+        for before, after in pairwise(stretches):
+            lifts = before.push[-1] != LIFTED and after.push[0] != LIFTED
+            parts += [_lift_between(before, after), after] if lifts else [after]
+        return Track(self.scene, *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def frames(self) -> Iterator[tuple[Float[np.ndarray, "nodes 3"], bool]]:
+        """Poses of all nodes, NaN where not seen, and whether the tool is down, every 0.05 s; see `at_frames`."""
+        track = self.at_frames()
+        yield from zip(np.where(track.seen[..., None], track.poses, np.nan), track.down.tolist(), strict=True)
+
+    @property
+    def longest_bridge(self) -> float:
+        """Seconds between two sightings across which poses are interpolated; a longer gap is a pause."""
+        interval = float(np.median(np.diff(self.times))) if len(self.times) > 1 else FRAME
+        return min(1.5 * max(interval, 2 * FRAME), LONGEST_BRIDGE)
+
+    def _stretch_in_frames(self, stretch: slice) -> "_Frames":
+        at_samples, down = self.times[stretch] - self.times[stretch.start], self.down[stretch]
+        times = np.arange(int((at_samples[-1] + ON_TIME) / FRAME) + 1) * FRAME
+        if not down[-1] and at_samples[-1] - times[-1] > ON_TIME:  # keep the lift, and where the push ended
+            times = np.append(times, at_samples[-1])
         poses = np.full((len(times), *self.poses.shape[1:]), np.nan)
         seen = np.zeros(poses.shape[:2], dtype=bool)
         for node in range(poses.shape[1]):
-            sighted = np.flatnonzero(self.seen[:, node])
-            if not len(sighted):
+            sighted = self.seen[stretch, node]
+            if not sighted.any():
                 continue
-            at = self.times[sighted]
+            at, values = at_samples[sighted], self.poses[stretch, node][sighted]
             after = np.searchsorted(at, times - ON_TIME).clip(max=len(at) - 1)
             before = (np.searchsorted(at, times + ON_TIME) - 1).clip(min=0)
             seen[:, node] = (
-                (at[before] <= times + ON_TIME) & (at[after] >= times - ON_TIME) & (at[after] - at[before] <= bridged)
+                (at[before] <= times + ON_TIME)
+                & (at[after] >= times - ON_TIME)
+                & (at[after] - at[before] <= self.longest_bridge)
             )
-            values = self.poses[sighted, node].copy()
             values[:, 2] = np.unwrap(values[:, 2])
             poses[:, node] = np.stack([np.interp(times, at, column) for column in values.T], -1)
-        last = (np.searchsorted(self.times, times + ON_TIME) - 1).clip(min=0)
         poses[~seen] = np.nan
-        return Track(self.scene, times, poses, self.push[last], seen)
+        last = (np.searchsorted(at_samples, times + ON_TIME) - 1).clip(min=0)
+        return _Frames(self.times[stretch.start] + times, poses, self.push[stretch][last], seen)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""
@@ -182,7 +220,7 @@ class Track:
                         f"{path}: track version {file.attrs.get('version')}, this pushgraph reads {VERSION}"
                     )
                 scene = scene or Scene.from_json(file.attrs["scene"], f"{path}: scene")
-                nodes = [name.decode() for name in file["nodes"][()]]
+                nodes = [name.decode() for name in stored(file, "nodes").ravel()]
                 if nodes != [ROBOT, *scene.names]:
                     raise TrackError(f"{path}: its nodes {nodes} are not those of the scene, {[ROBOT, *scene.names]}")
                 arrays = {name: _array(file, name, kind, axes) for name, (kind, axes) in _ARRAYS.items()}
@@ -219,12 +257,38 @@ class Track:
             raise TrackError(f"{path}: {error}") from None
 
 
+class _Frames(NamedTuple):
+    """Some frames of a track; see there."""
+
+    times: Float[np.ndarray, " frames"]
+    poses: Float[np.ndarray, "frames nodes 3"]
+    push: Int[np.ndarray, " frames"]
+    seen: Bool[np.ndarray, "frames nodes"]
+
+
+def _lift_between(before: _Frames, after: _Frames) -> _Frames:
+    """One lifted frame after the first of two stretches, and before the second.
+
+    A body that moved from one to the other is not seen in it, so that its motion is not taken for one without cause.
+    """
+    poses = after.poses[:1].copy()
+    change = np.abs(poses[0] - before.poses[-1])
+    change[:, 2] = np.abs(wrap_angle(change[:, 2]))
+    change[np.isnan(poses[0])] = 0.0  # a yaw that cannot be known
+    rested = (np.hypot(change[:, 0], change[:, 1]) < RESTED) & (change[:, 2] < RESTED_YAW)
+    rested[0] = True
+    seen = after.seen[:1] & before.seen[-1:] & rested
+    poses[~seen] = np.nan
+    time = np.minimum((before.times[-1:] + after.times[:1]) / 2, before.times[-1:] + FRAME)
+    return _Frames(time, poses, np.full(1, LIFTED, dtype=after.push.dtype), seen)
+
+
 _ARRAYS = {"times": ("f", 1), "poses": ("f", 3), "push": ("i", 1), "seen": ("b", 2)}
 """Kind of number and number of axes of each array in HDF5."""
 
 
 def _array(file: h5py.File, name: str, kind: str, axes: int) -> np.ndarray:
-    array = np.asarray(file[name][()])
+    array = stored(file, name)
     if array.dtype.kind != kind or array.ndim != axes:
         raise TrackError(f"{name}: must be {axes}-dimensional of kind {kind!r}, got {array.dtype} of {array.shape}")
     return array

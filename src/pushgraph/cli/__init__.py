@@ -6,7 +6,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, scenes, training
+from pushgraph.cli import data, evaluating, recordings, scenes, training
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -15,7 +15,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (scenes.demo, scenes.predict, scenes.observe, scenes.simulate, data.generate):
+for command in (
+    scenes.demo,
+    scenes.predict,
+    recordings.observe,
+    recordings.track,
+    scenes.simulate,
+    data.generate,
+):
     app.command()(command)
 app.add_typer(training.app, name="train")
 app.add_typer(evaluating.app, name="evaluate")

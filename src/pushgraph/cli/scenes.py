@@ -6,15 +6,11 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.live import Live
 from rich.table import Table
 
 from pushgraph.cli.output import console
 from pushgraph.errors import SceneError
-from pushgraph.storage import replacing
 
-FRAMES_PER_REFRESH = 10
-"""Of the live table."""
 SHOWN, LEAST_ROWS = 0.05, 3
 """The table of beliefs shows pairs that are joined with at least this probability, and at least so many."""
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
@@ -36,7 +32,7 @@ def demo(
     from pushgraph.viewer.beliefs import save_believed_predictions
     from pushgraph.viewer.picture import save_comparison
 
-    scene, predictor = _load_scene("demo"), PhysicsPredictor.load()
+    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
     with console.status("Predicting"):
         predicted = predictor.predict(scene)
     with console.status("Simulating"):
@@ -54,7 +50,7 @@ def demo(
         save_animation(tracks, outputs[3])
         save_believed_predictions(simulated, believed, regulator.pairs, outputs[4])
     console.print(_differences(predicted, simulated))
-    console.print(_joints_table(f"Believed after {regulator.frames} frames", regulator.pairs, regulator.probabilities))
+    console.print(joints_table(f"Believed after {regulator.frames} frames", regulator.pairs, regulator.probabilities))
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
@@ -65,7 +61,7 @@ def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
     frames = len(track.times)
     moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
     found = {}
-    for frame, (poses, down) in enumerate(zip(track.poses, track.down.tolist(), strict=True)):
+    for frame, (poses, down) in enumerate(track.frames()):
         probabilities = regulator.observe(poses, down)
         if frame in moments:
             scene = joined_as(regulator.scene(), track.scene)
@@ -107,7 +103,7 @@ def predict(
     if (relations == "believed") != (beliefs is not None):
         raise typer.BadParameter("needs --beliefs, and --beliefs needs it", param_hint="--relations believed")
     _check_animation_option(animation)
-    given = _load_scene(scene)
+    given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
     if relations == "believed":
@@ -121,57 +117,7 @@ def predict(
     _write_track(track, out or Path(Path(scene).stem), animation)
 
 
-def observe(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
-    track: Annotated[Path, typer.Argument(help="What was seen: HDF5, or CSV with time,node,x,y,yaw,push.")],
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("observed"),
-    relations: Annotated[
-        str, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
-    ] = "none",
-    model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",
-) -> None:
-    """Watch a track and learn what is joined to what: a live table, beliefs over time (JSON, picture), the scene.
-
-    The scene is written as it was in the end, with the likeliest joints, ready for pushes and prediction.
-
-    Examples:
-
-    `pushgraph observe scene.json track.csv --out observed`
-
-    `pushgraph predict scene.json --relations believed --beliefs observed/beliefs.json`
-    """
-    from pushgraph.belief_history import BeliefHistory
-    from pushgraph.track import Track
-    from pushgraph.viewer.beliefs import save_beliefs
-
-    if relations not in ("none", "given"):
-        raise typer.BadParameter(f"{relations!r}; valid: none, given", param_hint="--relations")
-    loaded = _load_scene(scene)
-    seen = Track.load(track, loaded)
-    with Live(console=console, auto_refresh=False, transient=True) as live:
-
-        def show(frame: int, regulator) -> None:
-            if frame % FRAMES_PER_REFRESH == 0:
-                title = f"Likeliest joints after {regulator.frames} frames"
-                live.update(_joints_table(title, regulator.pairs, regulator.probabilities), refresh=True)
-
-        history = BeliefHistory.watch(loaded, seen, model, relations == "given", show)
-    outputs = [out / "beliefs.json", out / "beliefs.png", out / "scene.json"]
-    history.save(outputs[0])
-    save_beliefs(history.pairs, history.times, history.probabilities, outputs[1])
-    with replacing(outputs[2]) as temporary:
-        temporary.write_text(history.scene.to_json())
-    title = f"Likeliest joints after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
-    console.print(_joints_table(title, history.pairs, history.probabilities[-1]))
-    if history.joints:
-        console.print(_places_table(history.joints))
-    for name, stretches in history.lost.items():
-        told = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches)
-        console.print(f"{name} was not seen from {told}.", markup=False)
-    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
-
-
-def _joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
+def joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
     """Pairs that may be joined, and how many others surely are not."""
     from pushgraph.graph.scene_batch import JOINT_CODES
 
@@ -188,7 +134,7 @@ def _joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
     return table
 
 
-def _places_table(joints) -> Table:
+def places_table(joints) -> Table:
     """Where believed joints sit, and how far they were seen to move."""
     table = Table(title="Believed joints, where they sit now (± one standard deviation)")
     for name in ("joint", "kind", "sits", "was seen to move"):
@@ -228,7 +174,7 @@ def _simulate(source: str, out: Path, animation: str) -> None:
     from pushgraph.simulation.planar import simulate
 
     _check_animation_option(animation)
-    scene = _load_scene(source)
+    scene = load_scene(source)
     known = scene.with_nominal_values()
     _warn(assumptions(scene))
     with console.status(f"Simulating {len(known.pushes)} pushes"):
@@ -269,7 +215,8 @@ def _write_track(track, out: Path, animation: str) -> None:
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
-def _load_scene(source: str):
+def load_scene(source: str):
+    """The scene in a file, or a shipped one by name."""
     from pushgraph.scene import Scene
 
     shipped = {path.stem: path for path in SHIPPED_SCENES.glob("*.json")}
