@@ -144,7 +144,7 @@ def look(
         rested,
         untouched,
         relative,
-        view.fits.observe(relative, moved),
+        view.fits.observe(relative, moved) if moved.any() else view.fits,
     )
     return view, frame
 

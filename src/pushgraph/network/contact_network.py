@@ -39,8 +39,8 @@ class ContactNetwork(nn.Module):
     @property
     def is_silent(self) -> bool:
         """Whether it corrects nothing, as before training, and is not being trained."""
-        answers = (*self.of_edge.parameters(), *self.of_node.parameters())
-        return not self.training and not any(bool(values.any()) for values in answers)
+        answers = (self.of_edge.weight, self.of_edge.bias, self.of_node.weight, self.of_node.bias)
+        return not self.training and not any(values.any() for values in answers)
 
     def forward(self, graph: ContactGraph, features: ContactFeatures) -> Correction:
         """Corrections; latents have the precision of the weights."""
