@@ -19,7 +19,7 @@ from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import Relations, pairs_of
-from pushgraph.pose import as_complex, wrap_angle
+from pushgraph.pose import as_complex
 
 FIRST_COUNT = 4.0
 """The place where the memory began counts as so many frames: it is the mean of what was seen before contact."""
@@ -45,12 +45,12 @@ class RelativeMotion(NamedTuple):
         a, b = pairs_of(poses.shape[1], poses.device)
         poses = poses.double()
         position, yaw = as_complex(poses[..., :2]), poses[..., 2]
-        angle = wrap_angle(yaw[:, b] - yaw[:, a] - relations.yaw_offset)
         turned_a = _turn(-yaw[:, a])
         turned = _turn(yaw[:, b]) * turned_a
         apart = (position[:, b] - position[:, a]) * turned_a
         drift = apart + turned * as_complex(relations.anchor_b.double()) - as_complex(relations.anchor_a.double())
-        return cls(drift, _turn(angle), angle)
+        turn = turned * _turn(-relations.yaw_offset.double())
+        return cls(drift, turn, turn.angle())
 
 
 class HingeFit(NamedTuple):

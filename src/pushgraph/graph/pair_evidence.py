@@ -54,9 +54,10 @@ def pair_evidence(
     # How far anchors, angle and distance are from what they were, before and after.
     poses = torch.stack((before.poses, after.poses))
     position, yaw = as_complex(poses[..., :2]), poses[..., 2]
-    to_axis = (_turn(yaw[..., ends].float()) * axis).conj()
+    turned_ends = _turn(yaw[..., ends].float())
+    to_axis = (turned_ends * axis).conj()
     centres = (position[..., b] - position[..., a]).to(anchors.dtype)
-    reach = anchors * _turn(yaw[..., ends].float())
+    reach = anchors * turned_ends
     apart = centres + reach[..., 1] - reach[..., 0]
     drift = torch.stack((apart, -apart), -1) * to_axis
     turned = (yaw[..., b] - yaw[..., a]).float()

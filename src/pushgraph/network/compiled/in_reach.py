@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from pushgraph.graph import broad_phase
-from pushgraph.graph.broad_phase import node_poses, node_shapes, reachable
+from pushgraph.graph.broad_phase import reachable
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import STILL, Control, State
 from pushgraph.network.compiled.arrays import as_array
@@ -22,21 +22,27 @@ FIXED = JOINT_CODES["fixed"]
 
 
 class Arrays(NamedTuple):
-    """Fields of State, SceneBatch and Control; see there. nodes: poses of bodies, then of the tool's parts. circle:
-    radius around each (m)."""
+    """Fields of State, SceneBatch, Relations and Control; see there."""
 
-    nodes: np.ndarray
+    poses: np.ndarray
     motions: np.ndarray
     still: float
     present: np.ndarray
     immovable: np.ndarray
     group: np.ndarray
+    half_extents: np.ndarray
+    radius: np.ndarray
     kind: np.ndarray
     known: np.ndarray
     remembered: np.ndarray
-    circle: np.ndarray
     part_present: np.ndarray
-    travel: np.ndarray
+    part_half_extents: np.ndarray
+    part_radius: np.ndarray
+    pose_tool_from_part: np.ndarray
+    tool_radius: np.ndarray
+    tool_pose: np.ndarray
+    tool_motion: np.ndarray
+    tool_down: np.ndarray
     frames: np.ndarray
 
 
@@ -45,20 +51,15 @@ def bodies_in_reach(state: State, control: Control) -> Bool[Tensor, "batch bodie
     if state.poses.device.type != "cpu":
         return reachable(state, control).may_move
     scenes, relations = state.scenes, state.relations
-    shapes = node_shapes(scenes)
-    circle = shapes.half_extents.norm(dim=-1) + shapes.radius
     frames = torch.as_tensor(control.frames, dtype=torch.float64).expand(len(state.poses))
-    of_scenes = (scenes.present, scenes.immovable, scenes.group, relations.kind, relations.known, relations.remembered)
-    arrays = Arrays(
-        as_array(node_poses(state, control)),
-        as_array(state.motions),
-        float(state.still),
-        *(as_array(values) for values in of_scenes),
-        *(
-            as_array(values)
-            for values in (circle, scenes.part_present, broad_phase.tool_travel(state, control), frames)
-        ),
+    tensors = (
+        *(scenes.present, scenes.immovable, scenes.group, *scenes.boxes),
+        *(relations.kind, relations.known, relations.remembered),
+        *(scenes.part_present, *scenes.parts, scenes.pose_tool_from_part, scenes.tool_radius),
+        *(control.pose, control.motion, control.down, frames),
     )
+    moving = as_array(state.poses), as_array(state.motions), float(state.still)
+    arrays = Arrays(*moving, *(as_array(values) for values in tensors))
     reached = np.zeros(scenes.present.shape, bool)
     _reach_all(arrays, reached)
     return torch.from_numpy(reached)
@@ -73,36 +74,48 @@ def _reach_all(arrays, reached):
 @compiled
 def _reach(arrays, scene, reached):
     bodies = len(reached)
-    present, immovable, circle = arrays.present[scene], arrays.immovable[scene], arrays.circle[scene]
-    nodes, motions = arrays.nodes[scene], arrays.motions[scene]
-    speed = np.zeros(bodies)
+    present, immovable = arrays.present[scene], arrays.immovable[scene]
+    motions, tool_motion = arrays.motions[scene], arrays.tool_motion[scene]
+    travel = 0.0
+    if arrays.tool_down[scene]:
+        travel = math.hypot(tool_motion[0], tool_motion[1]) + abs(tool_motion[2]) * arrays.tool_radius[scene]
+    fastest, slides = 0.0, np.zeros(bodies, np.bool_)
     for k in range(bodies):
         if present[k] and not immovable[k]:
-            of_body = math.hypot(motions[k, 0], motions[k, 1]) + LEVER * abs(motions[k, 2])
-            speed[k] = of_body if of_body > arrays.still else 0.0
-    travel = arrays.travel[scene]
-    length = max(travel, speed.max() * arrays.frames[scene])
+            speed = math.hypot(motions[k, 0], motions[k, 1]) + LEVER * abs(motions[k, 2])
+            slides[k] = speed > arrays.still
+            fastest = max(fastest, speed) if slides[k] else fastest
+    length = max(travel, fastest * arrays.frames[scene])
     if length <= 0.0:
         return
+    places, circle = arrays.poses[scene, :, :2], _circles(arrays.half_extents[scene], arrays.radius[scene])
     widest = MARGIN + LENGTHS_CLOSED * length
     queue, last = np.zeros(bodies, np.int64), 0
     for k in range(bodies):
-        if speed[k] > 0.0:
+        if slides[k]:
             last = _add_piece(arrays, scene, k, reached, queue, last)
     if travel > STILL:
-        for part in range(bodies, len(nodes)):
-            if arrays.part_present[scene, part - bodies]:
-                for k in range(bodies):
-                    if present[k] and _gap(nodes, circle, part, k) < widest:
-                        last = _add_piece(arrays, scene, k, reached, queue, last)
+        part_circle = _circles(arrays.part_half_extents[scene], arrays.part_radius[scene])
+        tool = arrays.tool_pose[scene]
+        cos, sin = math.cos(tool[2]), math.sin(tool[2])
+        for part in range(len(part_circle)):
+            if not arrays.part_present[scene, part]:
+                continue
+            own = arrays.pose_tool_from_part[scene, part]
+            x, y = tool[0] + cos * own[0] - sin * own[1], tool[1] + sin * own[0] + cos * own[1]
+            for k in range(bodies):
+                apart = math.hypot(places[k, 0] - x, places[k, 1] - y) - part_circle[part] - circle[k]
+                if present[k] and apart < widest:
+                    last = _add_piece(arrays, scene, k, reached, queue, last)
     first = 0
     while first < last:
         here = queue[first]
         first += 1
         for there in range(bodies):
             if present[there] and not reached[there]:
+                apart = math.hypot(places[here, 0] - places[there, 0], places[here, 1] - places[there, 1])
                 keep = _keep(arrays, scene, pair_of(here, there, bodies))
-                if _gap(nodes, circle, here, there) < max(keep, widest):
+                if apart - circle[here] - circle[there] < max(keep, widest):
                     last = _add_piece(arrays, scene, there, reached, queue, last)
 
 
@@ -135,8 +148,12 @@ def _add_piece(arrays, scene, body, reached, queue, last):
 
 
 @compiled
-def _gap(nodes, circle, a, b):
-    return math.hypot(nodes[a, 0] - nodes[b, 0], nodes[a, 1] - nodes[b, 1]) - circle[a] - circle[b]
+def _circles(half_extents, radius):
+    """Radii of circles around rounded boxes."""
+    circle = np.zeros(len(radius))
+    for k in range(len(radius)):
+        circle[k] = math.hypot(half_extents[k, 0], half_extents[k, 1]) + radius[k]
+    return circle
 
 
 @compiled
