@@ -27,6 +27,7 @@ FEATURES = (
     *("hinge_residual", "hinge_deviation", "hinge_deviating"),
     *("slider_across", "slider_along", "slider_deviation", "slider_deviating"),
     *("slider_line_x", "slider_line_y", "hinge_spread", "frames_moved"),
+    *("noise_position", "noise_yaw"),
 )
 CONSTANTS = {"fine": FINE, "lever": LEVER}
 """What the weights depend on beside the features' names."""
@@ -97,6 +98,7 @@ def pair_evidence(
         -1,
     )
     fine = (fine / FINE).asinh()
+    noise = frame.noise.spread.float() * fine.new_tensor([1 / FINE, LEVER / FINE])
     down = frame.control.down[:, None].expand_as(linked)
     of_pair = torch.stack((frame.adjacent_at_first, linked, down), -1).float()
     columns = (
@@ -104,6 +106,7 @@ def pair_evidence(
         *(receiver[..., 2:3], sender[..., 2:3], receiver[..., 3:], sender[..., 3:]),
         of_pair[:, :, None].expand(-1, -1, 2, -1),
         _fit_evidence(frame, axis[..., 0].to(torch.complex128)).float(),
+        noise.asinh()[:, None, None].expand(*fine.shape[:3], -1),
     )
     return torch.cat(columns, -1)
 

@@ -26,6 +26,33 @@ STRAY = 0.005
 InReach = Callable[[State, Control], Bool[Tensor, "batch bodies"]]
 
 
+class CameraNoise(NamedTuple):
+    """How far bodies at rest were seen from the mean of where they had been seen before: the noise of the camera.
+
+    squares: sums over sightings, of x and y together (m^2) and of yaw (rad^2). counts: how many numbers those are of.
+    """
+
+    squares: Float[Tensor, "batch 2"]
+    counts: Float[Tensor, "batch 2"]
+
+    def observe(
+        self, away: Float[Tensor, "batch bodies 3"], rested: Float[Tensor, "batch bodies"], yaw_known: Tensor
+    ) -> "CameraNoise":
+        """One sighting more of bodies at rest. away: from their mean so far. rested: of how many frames that is the
+        mean; zero for those that do not rest."""
+        # A mean of n frames has itself the n-th part of their variance.
+        weight = (rested / (rested + 1))[..., None] * away.square()
+        squares = torch.stack((weight[..., :2].sum((1, 2)), (weight[..., 2] * yaw_known).sum(1)), -1)
+        rests = (rested > 0).to(away.dtype)
+        counts = torch.stack((2 * rests.sum(1), (rests * yaw_known).sum(1)), -1)
+        return CameraNoise(self.squares + squares, self.counts + counts)
+
+    @property
+    def spread(self) -> Float[Tensor, "batch 2"]:
+        """Standard deviation of either coordinate of a position (m), and of a yaw (rad); zero before it is known."""
+        return (self.squares / self.counts.clamp(min=1)).sqrt()
+
+
 class View(NamedTuple):
     """The last frame seen.
 
@@ -33,6 +60,7 @@ class View(NamedTuple):
     adjacent_at_first: pairs that were adjacent in the first frame. A body out of sight stays where it was last seen.
     unreached: frames since a body could last be reached. rested: frames that its pose is the mean of. untouched: bodies
     that have rested since the first frame. fits: of the joints of all pairs, to what was seen so far.
+    noise: of the camera.
     """
 
     state: State
@@ -48,6 +76,7 @@ class View(NamedTuple):
     untouched: Bool[Tensor, "batch bodies"]
     relative: RelativeMotion
     fits: JointFits
+    noise: CameraNoise
 
 
 class Frame(NamedTuple):
@@ -56,6 +85,7 @@ class Frame(NamedTuple):
     in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
     relative_before, relative: how pairs have moved
     relative to each other until the frame before, and this one. fits: of joints to what was seen before this frame.
+    noise: of the camera.
     """
 
     before: State
@@ -68,6 +98,7 @@ class Frame(NamedTuple):
     relative_before: RelativeMotion
     relative: RelativeMotion
     fits: JointFits
+    noise: CameraNoise
 
 
 def first_look(
@@ -84,9 +115,10 @@ def first_look(
     unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
     rested = torch.ones_like(seen, dtype=poses.dtype)
     relative, fits = RelativeMotion.of(state.relations, poses), JointFits.begin(adjacent)
-    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits)
+    noise = CameraNoise(*[poses.new_zeros(len(poses), 2)] * 2)
+    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits, noise)
     control = Control(tool, still, still, torch.zeros_like(down))
-    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, relative, relative, fits)
+    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, relative, relative, fits, noise)
 
 
 def look(
@@ -105,10 +137,13 @@ def look(
 
     last = view.state.poses
     unreached = torch.where(in_reach(view.state, control), 0, view.unreached + 1)
-    strays = (poses[..., :2] - last[..., :2]).norm(dim=-1) > STRAY
+    away = poses - last
+    strays = away[..., :2].square().sum(-1) > STRAY**2
     rests = continuous & (unreached > COASTING) & ~strays
+    scenes = view.state.scenes
+    noise = view.noise.observe(away, view.rested * (rests & scenes.present), scenes.yaw_known)
     rested = torch.where(rests, view.rested + 1, torch.where(seen, 1.0, view.rested))
-    poses = torch.where(rests[..., None], last + (poses - last) / rested[..., None], poses)
+    poses = torch.where(rests[..., None], last + away / rested[..., None], poses)
     poses = torch.where(seen[..., None], poses, last)
     untouched = view.untouched & (rests | ~seen)
     first = torch.where((view.ever_seen & ~untouched)[..., None], view.first, poses)
@@ -130,6 +165,7 @@ def look(
         view.relative,
         relative,
         view.fits,
+        noise,
     )
     view = View(
         after,
@@ -145,6 +181,7 @@ def look(
         untouched,
         relative,
         view.fits.observe(relative, moved) if moved.any() else view.fits,
+        noise,
     )
     return view, frame
 
