@@ -21,6 +21,7 @@ _MODULE_OF = {
     **dict.fromkeys(("Body", "Joint"), "pushgraph.body"),
     **dict.fromkeys(("Scene", "Table"), "pushgraph.scene"),
     "Track": "pushgraph.track",
+    "Spread": "pushgraph.spread",
     **dict.fromkeys(("assumptions", "remarks"), "pushgraph.plausibility"),
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "PhysicsPredictor": "pushgraph.physics",

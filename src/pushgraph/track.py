@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from pushgraph.body import ROBOT
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.scene import Scene
+from pushgraph.spread import UNITS, Spread
 from pushgraph.storage import replacing, replacing_hdf5
 
 FRAME = 0.05
@@ -36,6 +37,7 @@ class Track:
     under way, LIFTED between them. seen: False where a camera lost the node; its pose is NaN there. The yaw
     alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on average since
     the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not measured.
+    spread: how far off predicted poses of the bodies may be, [frames bodies]; None if nothing is stated.
     Raises TrackError if anything does not fit.
     """
 
@@ -45,6 +47,7 @@ class Track:
     push: Int[np.ndarray, " frames"]
     seen: Bool[np.ndarray, "frames nodes"]
     wrench: Float[np.ndarray, "frames 3"] | None = None
+    spread: Spread | None = None
 
     def __post_init__(self) -> None:
         frames, nodes = len(self.times), 1 + len(self.scene.bodies)
@@ -55,6 +58,10 @@ class Track:
                 raise TrackError(f"{name}: shape must be {shape}, got {getattr(self, name).shape}")
         if self.wrench is not None and (self.wrench.shape != (frames, 3) or not np.isfinite(self.wrench).all()):
             raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
+        if self.spread is not None:
+            for name, values in self.spread._asdict().items():
+                if values.shape != (frames, nodes - 1):
+                    raise TrackError(f"spread, {name}: shape must be {(frames, nodes - 1)}, got {values.shape}")
         self._check_times()
         self._check_poses()
         valid = (self.push == LIFTED) | ((self.push >= 0) & (self.push < max(len(self.scene.pushes), 1)))
@@ -147,7 +154,7 @@ class Track:
         return Track(self.scene, times, poses, self.push[last], seen)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""
+        """Write HDF5, or CSV if the name ends in .csv; the CSV holds neither scene nor spread."""
         if Path(path).suffix.lower() == ".csv":
             self._save_csv(path)
         else:
@@ -170,6 +177,9 @@ class Track:
                 file.create_dataset(name, data=getattr(self, name)).attrs["unit"] = unit
             if self.wrench is not None:
                 file.create_dataset("wrench", data=self.wrench).attrs["unit"] = "force (N), world; moment (N m)"
+            if self.spread is not None:
+                for name, values in self.spread._asdict().items():
+                    file.create_dataset(f"spread/{name}", data=values).attrs["unit"] = UNITS[name]
 
     @classmethod
     def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> "Track":
@@ -188,7 +198,10 @@ class Track:
                 arrays = {name: _array(file, name, kind, axes) for name, (kind, axes) in _ARRAYS.items()}
                 if "wrench" in file:
                     arrays["wrench"] = _array(file, "wrench", "f", 2)
-            return cls(scene, **arrays)
+                spread = None
+                if "spread" in file:
+                    spread = Spread(*(_array(file, f"spread/{name}", "f", 2) for name in Spread._fields))
+            return cls(scene, **arrays, spread=spread)
         except (OSError, KeyError, AttributeError, TypeError, ValueError) as error:
             raise TrackError(f"{path}: cannot read this track, it may be truncated: {error}") from None
         except (TrackError, SceneError) as error:

@@ -38,7 +38,7 @@ def demo(
 
     scene, predictor = _load_scene("demo"), PhysicsPredictor.load()
     with console.status("Predicting"):
-        predicted = predictor.predict(scene)
+        predicted = predictor.predict(scene, spread=True)
     with console.status("Simulating"):
         simulated = simulate(scene)
     with console.status("Watching"):
@@ -86,6 +86,8 @@ def predict(
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
 
+    How far off each body may be is stated, too: with `--beliefs`, as far as they are doubtful.
+
     Examples:
 
     `pushgraph predict scene.json --out result`
@@ -110,14 +112,18 @@ def predict(
     given = _load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
-    if relations == "believed":
-        given = BeliefHistory.load(beliefs).apply_to(given)
+    probabilities = None
+    if beliefs is not None:
+        history = BeliefHistory.load(beliefs)
+        given = history.apply_to(given)
+        probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
     _warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
-        track = predictor.predict(given)
+        spread = predictor.states_spread
+        track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
     _write_track(track, out or Path(Path(scene).stem), animation)
 
 
@@ -264,13 +270,23 @@ def _load_scene(source: str):
 
 def _final_poses(track) -> Table:
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
-    for name in ("body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"):
+    columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
+    stated = [[] for _ in track.scene.bodies]
+    if track.spread is not None:
+        columns += ["± (cm)", "± (deg)"]
+        table.caption = "±: the true place and yaw are as near as this with a probability of 68 %; the place lengthwise"
+        final = track.spread.take(-1)
+        ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
+        longest = 100 * np.maximum(ellipse.along, ellipse.across)
+        stated = [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
+    for name in columns:
         table.add_column(name, justify="left" if name == "body" else "right")
     change = track.poses[-1] - track.poses[0]
     for node, name in enumerate(track.nodes[1:], start=1):
         x, y, yaw = track.poses[-1, node]
         moved, turned = np.hypot(*change[node, :2]) * 100, np.degrees(change[node, 2])
-        table.add_row(name, f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
+        cells = (f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
+        table.add_row(name, *cells, *stated[node - 1])
     return table
 
 

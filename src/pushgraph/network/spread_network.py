@@ -1,0 +1,88 @@
+"""From features of a predicted track to how far off it may be."""
+
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pushgraph.graph.track_features import CONSTANTS, COUPLINGS, FEATURES, TrackFeatures
+
+LEAST, LEAST_YAW = 5e-5, 4e-4
+"""Scales of what rests (m, rad): 68 % regions are then some 0.1 mm and 0.05 degrees wide."""
+DEGREES = (1.0, 30.0)
+"""Fewest and most degrees of freedom."""
+LOG_SHARE = (-9.0, 1.0)
+"""Scales are shares of the motion around a body; their logarithms stay in these bounds."""
+
+
+class Scales(NamedTuple):
+    """What `Spread` holds under the same names, at the knots."""
+
+    along: Float[Tensor, "batch knots bodies"]
+    across: Float[Tensor, "batch knots bodies"]
+    degrees: Float[Tensor, "batch knots bodies"]
+    yaw: Float[Tensor, "batch knots bodies"]
+    yaw_degrees: Float[Tensor, "batch knots bodies"]
+
+
+class SpreadNetwork(nn.Module):
+    """Messages between coupled nodes, twice; then scales as shares of the motion around each body.
+
+    So where nothing moved, nothing is doubtful, and what is doubtful about a body reaches its neighbours.
+    """
+
+    PHYSICS = "contact"
+    ROUNDS = 2
+
+    def __init__(self, hidden: int = 24) -> None:
+        super().__init__()
+        self.encode = nn.Linear(len(FEATURES), hidden)
+        self.send = nn.ModuleList(nn.Linear(hidden, hidden * len(COUPLINGS)) for _ in range(self.ROUNDS))
+        self.keep = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(self.ROUNDS))
+        self.answer = nn.Linear(2 * hidden, len(Scales._fields))
+        with torch.no_grad():
+            self.answer.weight *= 0.1
+            self.answer.bias.copy_(torch.tensor([-4.0, -4.0, 0.0, -4.0, 0.0]))
+
+    @staticmethod
+    def schema() -> dict[str, Any]:
+        """Names of the features, and the constants that its answers depend on."""
+        constants = CONSTANTS | {"LEAST": LEAST, "LEAST_YAW": LEAST_YAW, "DEGREES": list(DEGREES)}
+        return {
+            "node_features": list(FEATURES),
+            "couplings": list(COUPLINGS),
+            "constants": constants | {"LOG_SHARE": list(LOG_SHARE)},
+        }
+
+    def forward(self, track: TrackFeatures) -> Scales:
+        """Scales at the knots of the features."""
+        first = hidden = self.encode(track.nodes).relu()
+        couplings = track.couplings.flatten(3)
+        for send, keep in zip(self.send, self.keep, strict=True):
+            messages = send(hidden).unflatten(-1, (len(COUPLINGS), -1)).flatten(2, 3)
+            hidden = (keep(hidden) + couplings @ messages).relu()
+        bodies = track.around.shape[-1]
+        answers = self.answer(torch.cat((first, hidden), -1)[:, :, :bodies])
+        along, across, degrees, yaw, yaw_degrees = answers.unbind(-1)
+        around = track.around
+        return Scales(
+            along=LEAST + around * _share(along),
+            across=LEAST + around * _share(across),
+            degrees=_degrees(degrees),
+            yaw=LEAST_YAW + around / track.lever[:, None] * _share(yaw),
+            yaw_degrees=_degrees(yaw_degrees),
+        )
+
+
+def _share(answer: Tensor) -> Tensor:
+    return answer.clamp(*LOG_SHARE).exp()
+
+
+def _degrees(answer: Tensor) -> Tensor:
+    least, most = DEGREES
+    return (least + nn.functional.softplus(answer)).clamp(max=most)
+
+
+SPREADS: dict[str, type[nn.Module]] = {"spread": SpreadNetwork}
+"""The networks that state spreads, by name."""
