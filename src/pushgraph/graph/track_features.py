@@ -13,8 +13,8 @@ from pushgraph import pose
 from pushgraph.graph.joint_truth import closed, rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, SceneBatch, pairs_of
 
-FRAMES_APART = 2
-"""Features are computed in every second frame, and in the last."""
+FRAMES_APART = 4
+"""Features are computed in every fourth frame, and in the last."""
 NEAR = 0.01
 """Closeness falls to 1 / e over this gap (m)."""
 LEAST_LENGTH = 1e-4
@@ -25,13 +25,14 @@ DOUBT_OF_UNKNOWN = 0.5
 FEATURES = (
     *("path", "displacement", "turning", "turn", "motion_around", "way_of_tool", "touched_by_tool", "touching"),
     *("tool_near", "tool_was_near", "others_near", "moving", "straightness", "pace", "frames", "size", "slenderness"),
+    *("turning_now", "faster_or_slower", "with_tool", "slipping_on_tool", "slipping_on_others", "slipped", "touches"),
     *("mass", "table_friction", "side_friction", "cylinder", "tool", "immovable"),
     *("mass_unknown", "table_friction_unknown", "side_friction_unknown", "doubt", "moved_at_start"),
 )
 """Of every node."""
-COUPLINGS = ("rigid", "jointed", "near", "worked", "doubted")
+COUPLINGS = ("rigid", "jointed", "near", "worked", "slipping", "doubted")
 """Between nodes: joined rigidly, by hinge or slider; near each other now; moved while near, as a share of the motion
-around; and how probable it is that what the prediction takes for the joint is wrong, if they were ever near."""
+around; slipping on each other now, as a share of the tool's pace; and how probable it is that what the prediction takes for the joint is wrong, if they were ever near."""
 CONSTANTS = {"FRAMES_APART": FRAMES_APART, "NEAR": NEAR, "LEAST_LENGTH": LEAST_LENGTH}
 
 
@@ -40,6 +41,7 @@ class TrackFeatures(NamedTuple):
 
     direction: the way each body has gone, in the world (rad). around: how far it and what was near it have moved (m),
     zero for what cannot move. lever: distance at which a body's yaw counts (m). farthest: bound of its error (m).
+    moved: how far every node went and turned since the knot before (m).
     """
 
     knots: Int[Tensor, " knots"]
@@ -49,6 +51,7 @@ class TrackFeatures(NamedTuple):
     around: Float[Tensor, "batch knots bodies"]
     lever: Float[Tensor, "batch bodies"]
     farthest: Float[Tensor, "batch knots bodies"]
+    moved: Float[Tensor, "batch knots nodes"]
 
 
 def doubt_of(
@@ -88,8 +91,8 @@ def track_features(
     down = down[:, knots]
     is_tool = torch.arange(nodes.shape[2], device=poses.device) >= bodies
     present = torch.cat((scenes.present, scenes.part_present), 1)
-    half_extents = torch.cat((scenes.boxes.half_extents, scenes.parts.half_extents), 1)
-    radius = torch.cat((scenes.boxes.radius, scenes.parts.radius), 1)
+    half_extents = torch.cat((scenes.boxes.half_extents, scenes.parts.half_extents), 1).float()
+    radius = torch.cat((scenes.boxes.radius, scenes.parts.radius), 1).float()
     size = (radius.square() / 2 + half_extents.square().sum(-1) / 3).sqrt().clamp(min=LEAST_LENGTH)
 
     steps = nodes.diff(dim=1, prepend=nodes[:, :1])
@@ -106,12 +109,17 @@ def track_features(
     near = near * (there[..., :, None] & there[..., None, :] & apart)
     was_near = near.cummax(1).values
     worked = (near * (moved[..., :, None] + moved[..., None, :])).cumsum(1)
+    slip = near * _slips(nodes, steps, lifted)
     around = path + turning + worked.sum(-1)
 
     tools = is_tool.float()
     touched_by_tool = worked @ tools
     way_of_tool = path[..., bodies:].amax(-1, keepdim=True)
     pace = moved[..., bodies:].amax(-1, keepdim=True)
+    change = moved.diff(dim=1, prepend=moved[:, :1]) / (moved + pace + LEAST_LENGTH)
+    drive = steps[:, :, bodies : bodies + 1, :2] * ~lifted[..., bodies:bodies + 1, None]
+    with_tool = (steps[..., :2] * drive).sum(-1) / (way * pace + LEAST_LENGTH**2)
+    touches = near.diff(dim=1, prepend=near[:, :1]).abs().sum(-1).cumsum(1)
     doubted = _between(doubt.float(), len(is_tool), bodies)[:, None] * was_near
     rigid, jointed = _joints(scenes, relations, len(is_tool))
     frame = knots.float()[None, :, None]
@@ -145,6 +153,13 @@ def track_features(
         (1 + frame).log() / 2 - 1.5,
         (size.log() / 2 + 1.5)[:, None],
         slenderness.log()[:, None],
+        turn / (moved + pace + LEAST_LENGTH),
+        change,
+        with_tool.clamp(-1.5, 1.5),
+        (slip @ tools) / (pace + LEAST_LENGTH),
+        (slip @ (1 - tools)) / (pace + LEAST_LENGTH),
+        log(slip.sum(-1).cumsum(1)),
+        touches.log1p(),
         of_bodies(scenes.mass.clamp(max=20.0).log()),
         of_scene(scenes.table_friction.log()) + 1,
         of_scene(scenes.side_friction),
@@ -165,6 +180,7 @@ def track_features(
             jointed[:, None].expand_as(near),
             near,
             worked / (around[..., None] + LEAST_LENGTH),
+            slip / (pace[..., None] + LEAST_LENGTH),
             doubted,
         ),
         -1,
@@ -178,7 +194,8 @@ def track_features(
         direction=_direction(nodes, is_tool, bodies),
         around=around[..., own] * movable,
         lever=size[:, own],
-        farthest=(displacement[..., own] + 2 * way_of_tool + 2 * LEAST_LENGTH),
+        farthest=displacement[..., own] + 2 * way_of_tool + 2 * LEAST_LENGTH,
+        moved=moved,
     )
 
 
@@ -216,6 +233,22 @@ def _gaps(
     by_centre = distance - reach - reach.transpose(-1, -2)
     apart = torch.maximum(torch.maximum(by_face, by_face.transpose(-1, -2)), by_centre)
     return apart - (radius[:, :, None] + radius[:, None, :])[:, None]
+
+
+def _slips(
+    nodes: Float[Tensor, "batch knots nodes 3"],
+    steps: Float[Tensor, "batch knots nodes 3"],
+    lifted: Bool[Tensor, "batch knots nodes"],
+) -> Float[Tensor, "batch knots nodes nodes"]:
+    """How far nodes move against each other between two knots, half-way between their centres (m)."""
+    steps = steps.masked_fill(lifted[..., None], 0.0)
+    x, y, _ = nodes.unbind(-1)
+    step_x, step_y, turn = steps.unbind(-1)
+    half_x, half_y = ((values[..., None, :] - values[..., :, None]) / 2 for values in (x, y))
+    turns = turn[..., None, :] + turn[..., :, None]  # the arms to the middle are opposite
+    slip_x = step_x[..., None, :] - step_x[..., :, None] + turns * half_y
+    slip_y = step_y[..., None, :] - step_y[..., :, None] - turns * half_x
+    return (slip_x.square() + slip_y.square() + 1e-12).sqrt()
 
 
 def _between(values: Float[Tensor, "batch pairs"], nodes: int, bodies: int) -> Float[Tensor, "batch nodes nodes"]:

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pushgraph.graph.track_features import CONSTANTS, COUPLINGS, FEATURES, TrackFeatures
+from pushgraph.graph.track_features import CONSTANTS, COUPLINGS, FEATURES, LEAST_LENGTH, TrackFeatures
 
 LEAST, LEAST_YAW = 5e-5, 4e-4
 """Scales of what rests (m, rad): 68 % regions are then some 0.1 mm and 0.05 degrees wide."""
@@ -26,21 +26,39 @@ class Scales(NamedTuple):
     yaw_degrees: Float[Tensor, "batch knots bodies"]
 
 
+class Messages(nn.Module):
+    """Every node hears from those that it is coupled with, by a message for each coupling."""
+
+    def __init__(self, inputs: int, hidden: int) -> None:
+        super().__init__()
+        self.keep, self.send = nn.Linear(inputs, hidden), nn.Linear(inputs, hidden * len(COUPLINGS))
+
+    def forward(
+        self,
+        nodes: Float[Tensor, "batch knots nodes inputs"],
+        couplings: Float[Tensor, "batch knots nodes nodes couplings"],
+    ) -> Float[Tensor, "batch knots nodes hidden"]:
+        """What nodes know after they have heard."""
+        messages = self.send(nodes).unflatten(-1, (len(COUPLINGS), -1)).flatten(2, 3)
+        return (self.keep(nodes) + couplings.flatten(3) @ messages).relu()
+
+
 class SpreadNetwork(nn.Module):
-    """Messages between coupled nodes, twice; then scales as shares of the motion around each body.
+    """Messages between coupled nodes tell at which rates doubt grows as a body moves; what has grown by then, and a
+    second round of messages, settle the scales, as shares of the motion around each body.
 
     So where nothing moved, nothing is doubtful, and what is doubtful about a body reaches its neighbours.
     """
 
     PHYSICS = "contact"
-    ROUNDS = 2
 
     def __init__(self, hidden: int = 24) -> None:
         super().__init__()
         self.encode = nn.Linear(len(FEATURES), hidden)
-        self.send = nn.ModuleList(nn.Linear(hidden, hidden * len(COUPLINGS)) for _ in range(self.ROUNDS))
-        self.keep = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(self.ROUNDS))
-        self.answer = nn.Linear(2 * hidden, len(Scales._fields))
+        self.hear = Messages(hidden, hidden)
+        self.rate = nn.Linear(hidden, hidden)
+        self.hear_again = Messages(2 * hidden, hidden)
+        self.answer = nn.Linear(3 * hidden, len(Scales._fields))
         with torch.no_grad():
             self.answer.weight *= 0.1
             self.answer.bias.copy_(torch.tensor([-4.0, -4.0, 0.0, -4.0, 0.0]))
@@ -57,13 +75,13 @@ class SpreadNetwork(nn.Module):
 
     def forward(self, track: TrackFeatures) -> Scales:
         """Scales at the knots of the features."""
-        first = hidden = self.encode(track.nodes).relu()
-        couplings = track.couplings.flatten(3)
-        for send, keep in zip(self.send, self.keep, strict=True):
-            messages = send(hidden).unflatten(-1, (len(COUPLINGS), -1)).flatten(2, 3)
-            hidden = (keep(hidden) + couplings @ messages).relu()
         bodies = track.around.shape[-1]
-        answers = self.answer(torch.cat((first, hidden), -1)[:, :, :bodies])
+        encoded = self.encode(track.nodes).relu()
+        heard = self.hear(encoded, track.couplings)
+        rate = nn.functional.softplus(self.rate(heard))
+        grown = ((track.moved[..., None] * rate).cumsum(1) + LEAST_LENGTH).log() / 3 + 1.5
+        again = self.hear_again(torch.cat((heard, grown), -1), track.couplings)
+        answers = self.answer(torch.cat((encoded, grown, again), -1)[:, :, :bodies])
         along, across, degrees, yaw, yaw_degrees = answers.unbind(-1)
         around = track.around
         return Scales(

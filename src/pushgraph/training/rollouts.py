@@ -21,8 +21,10 @@ from pushgraph.track import Track
 
 BELIEVED, HIDDEN = 0.5, 0.1
 """Shares of the batches whose joints are believed, and of those whose joints are not known at all."""
+BELIEVED_KIND = "paper"
+"""Joints are believed in scenes of this kind: how probable they are before anything was seen is learnt from these."""
 AT_START = 0.5
-"""Share of the batches that start where their trajectories do."""
+"""Share of the rollouts that start where their trajectories do; of those with believed joints half as many."""
 LONGEST_WATCH = 100
 """Most frames observed before a rollout with believed joints."""
 WITHHELD = 0.15
@@ -58,10 +60,15 @@ class RolloutMaker:
         rng = np.random.default_rng([seed, 3])
         nodes = np.diff(dataset.pose_offset) // np.diff(dataset.frame_offset)
         count = max(1, rollouts // batch)
-        drawn = rng.integers(len(dataset), size=count * batch)
-        self.trajectories: Int[np.ndarray, "batches batch"] = drawn[np.argsort(nodes[drawn], kind="stable")].reshape(
-            count, batch
-        )
+        known = np.arange(len(dataset))
+        believed = known[dataset.kind == BELIEVED_KIND]
+        self._believed = round(BELIEVED * count) if len(believed) else 0
+
+        def drawn(some: Int[np.ndarray, " trajectories"], batches: int) -> Int[np.ndarray, "batches batch"]:
+            chosen = some[rng.integers(max(1, len(some)), size=batches * batch)]
+            return chosen[np.argsort(nodes[chosen], kind="stable")].reshape(batches, batch)
+
+        self.trajectories = np.concatenate((drawn(believed, self._believed), drawn(known, count - self._believed)))
 
     def __len__(self) -> int:
         return len(self.trajectories)
@@ -73,12 +80,12 @@ class RolloutMaker:
         if rng.random() < LONG:
             chosen, frames = chosen[: max(1, len(chosen) // 4)], LONG_FRAMES
         tracks = [self._dataset[k] for k in chosen.tolist()]
-        kind = rng.random()
-        if kind < BELIEVED:
+        if number < self._believed:
             first = 0 if rng.random() < AT_START / 2 else int(rng.integers(LONGEST_WATCH + 1))
             return predicted_as_believed(tracks, first, frames, self._dynamics, self._belief, rng)
         firsts = [0 if rng.random() < AT_START else int(rng.integers(len(track.times) - 10)) for track in tracks]
-        return predicted_as_known(tracks, firsts, frames, self._dynamics, rng, kind < BELIEVED + HIDDEN)
+        hidden = rng.random() < HIDDEN / (1 - BELIEVED)
+        return predicted_as_known(tracks, firsts, frames, self._dynamics, rng, hidden)
 
 
 def predicted_as_known(
