@@ -33,8 +33,8 @@ KINDS = {**DYNAMICS, **BELIEFS, **SPREADS}
 class Checkpoint:
     """A network, its kind and config, and the record of its training.
 
-    physics: hash of the checkpoint of the physics network that a belief or a spread stands on. hash: its own, once it is
-    saved.
+    physics: hash of the checkpoint of the physics network that a belief or a spread stands on. hash: its own, once it
+    is saved.
     """
 
     kind: str

@@ -17,6 +17,8 @@ FRAMES_PER_REFRESH = 10
 """Of the live table."""
 SHOWN, LEAST_ROWS = 0.05, 3
 """The table of beliefs shows pairs that are joined with at least this probability, and at least so many."""
+SPREAD_COLUMNS = ("± (cm)", "± (deg)")
+SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
@@ -271,14 +273,10 @@ def _load_scene(source: str):
 def _final_poses(track) -> Table:
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
-    stated = [[] for _ in track.scene.bodies]
+    stated = _stated_at_the_end(track)
     if track.spread is not None:
-        columns += ["± (cm)", "± (deg)"]
-        table.caption = "±: the true place and yaw are as near as this with a probability of 68 %; the place lengthwise"
-        final = track.spread.take(-1)
-        ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
-        longest = 100 * np.maximum(ellipse.along, ellipse.across)
-        stated = [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
+        columns += SPREAD_COLUMNS
+        table.caption = SPREAD_CAPTION
     for name in columns:
         table.add_column(name, justify="left" if name == "body" else "right")
     change = track.poses[-1] - track.poses[0]
@@ -290,14 +288,25 @@ def _final_poses(track) -> Table:
     return table
 
 
+def _stated_at_the_end(track) -> list[list[str]]:
+    """For every body the longer half-axis of its 68 % ellipse and half its 68 % interval; nothing if none is stated."""
+    if track.spread is None:
+        return [[] for _ in track.scene.bodies]
+    final = track.spread.take(-1)
+    ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
+    longest = 100 * np.maximum(ellipse.along, ellipse.across)
+    return [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
+
+
 def _differences(predicted, simulated) -> Table:
     table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
-    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)"):
+    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)", *SPREAD_COLUMNS):
         table.add_column(name, justify="left" if name == "body" else "right")
     change = simulated.poses[-1] - simulated.poses[0]
-    off = predicted.poses[-1] - simulated.poses[-1]
+    off, stated = predicted.poses[-1] - simulated.poses[-1], _stated_at_the_end(predicted)
     for node, name in enumerate(simulated.nodes[1:], start=1):
         lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
         angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
-        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1])
+        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1], *stated[node - 1])
+    table.caption = SPREAD_CAPTION
     return table

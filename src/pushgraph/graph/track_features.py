@@ -31,8 +31,9 @@ FEATURES = (
 )
 """Of every node."""
 COUPLINGS = ("rigid", "jointed", "near", "worked", "slipping", "doubted")
-"""Between nodes: joined rigidly, by hinge or slider; near each other now; moved while near, as a share of the motion
-around; slipping on each other now, as a share of the tool's pace; and how probable it is that what the prediction takes for the joint is wrong, if they were ever near."""
+"""Between nodes: joined rigidly, or by hinge or slider; near each other now; moved while near, as a share of the motion
+around; slipping on each other now, as a share of the tool's pace; and how probable it is that what the prediction takes
+for the joint is wrong, if they were ever near."""
 CONSTANTS = {"FRAMES_APART": FRAMES_APART, "NEAR": NEAR, "LEAST_LENGTH": LEAST_LENGTH}
 
 
