@@ -11,11 +11,12 @@ from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.store import Columns, Dataset, Recipe, write
 from pushgraph.errors import TrainingError
-from pushgraph.network.spread_network import Scales
+from pushgraph.network.spread_network import LEAST, LEAST_YAW, Scales
 from pushgraph.simulation.setups import draw_trajectory
+from pushgraph.spread import Spread
 from pushgraph.training import loop, rollouts, spread
 from pushgraph.training.rollouts import RolloutMaker, predicted_as_believed, predicted_as_known, withhold_values
-from pushgraph.training.spread import SpreadTraining, surprise, train_spread
+from pushgraph.training.spread import ScaledErrors, SpreadTraining, misses, surprise, train_spread
 
 TINY = {"frames": 24, "batch": 2, "hidden": 8, "rollouts": 8, "learning_rate": 1e-2}
 
@@ -91,14 +92,34 @@ def test_withheld_values_are_nominal_and_flagged(data) -> None:
 
 
 def test_surprise_is_the_logarithm_of_a_density() -> None:
-    # Its integral over a grid, yaw included, is one but for the constants that are left out: 2 pi, and 2.
+    # Its integral over a grid, yaw included, is one but for what is left out: 2 pi, 2, and the least scales.
     one = torch.ones(1, dtype=torch.float64)
     scales = Scales(along=2 * one, across=one, degrees=8 * one, yaw=0.5 * one, yaw_degrees=9 * one)
     place, turn = torch.linspace(-20, 20, 201, dtype=torch.float64), torch.linspace(-8, 8, 161, dtype=torch.float64)
     grid = torch.stack(torch.meshgrid(place, place, turn, indexing="ij"), -1)
-    density = (-surprise(scales, 0.7 * one, grid.flatten(0, 2)[:, None])).exp()
+    errors = ScaledErrors.of(scales, 0.7 * one, grid.flatten(0, 2)[:, None])
+    density = (-surprise(scales, errors)).exp() / (LEAST**2 * LEAST_YAW)
     total = float(density.sum()) * 0.2 * 0.2 * 0.1 / (2 * math.pi * 2)
     assert total == pytest.approx(1, abs=0.02)
+
+
+def test_bounds_are_missed_least_where_so_many_errors_are_within() -> None:
+    # Errors of two sizes, as if a joint were there or not: no Student t fits, its bounds shall all the same.
+    torch.manual_seed(0)
+    size = torch.where(torch.rand(4000) < 0.5, 0.01, 1.0) * (1 + 0.2 * torch.rand(4000))
+    error = torch.stack((size, torch.zeros_like(size), size), -1)[:, None]
+    logs = torch.zeros(4, requires_grad=True)
+    optimizer = torch.optim.Adam([logs], lr=0.03)
+    for _ in range(600):
+        scale, degrees, yaw, yaw_degrees = logs.exp().unsqueeze(-1)
+        scales = Scales(along=scale, across=scale, degrees=1 + degrees, yaw=yaw, yaw_degrees=1 + yaw_degrees)
+        optimizer.zero_grad()
+        misses(scales, ScaledErrors.of(scales, torch.zeros(1), error)).mean().backward()
+        optimizer.step()
+    stated = Spread(direction=torch.zeros(1), farthest=torch.full((1,), 1e3), **scales._asdict())
+    for level in (stated.position_level(error[..., :2]), stated.yaw_level(error[..., 2])):
+        assert abs(float((level < 0.68).float().mean()) - 0.68) < 0.06
+        assert float((level < 0.95).float().mean()) > 0.92
 
 
 def test_the_same_batches_come_again(data, dynamics) -> None:
@@ -118,7 +139,7 @@ def test_training_learns_and_goes_on_where_it_stopped(data, tmp_path, monkeypatc
     train_spread(training, tmp_path / "whole", tmp_path / "whole.safetensors")
     whole = load_checkpoint(tmp_path / "whole.safetensors")
     curve = whole.record["curve"]
-    assert curve[-1]["surprise"] < curve[0]["surprise"]
+    assert curve[-1]["loss_of_bodies"] < curve[0]["loss_of_bodies"]
     assert whole.physics == load_checkpoint(shipped("contact")).hash
 
     def stop(now, loss) -> None:
@@ -138,4 +159,4 @@ def test_bad_trainings_are_refused(data) -> None:
         SpreadTraining("magic", **data, samples=10, **TINY)
     with pytest.raises(TrainingError, match="rollouts: must be a batch at least, 2; got 1"):
         SpreadTraining("spread", **data, samples=10, **TINY | {"rollouts": 1})
-    assert dataclasses.asdict(SpreadTraining("spread", **data))["hidden"] == 24
+    assert dataclasses.asdict(SpreadTraining("spread", **data))["hidden"] == 32

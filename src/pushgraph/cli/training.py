@@ -132,7 +132,7 @@ def spread(
     frames: Annotated[int, typer.Option(min=2, help="Frames of a rollout; of a tenth of them, 300.")] = 64,
     batch: Annotated[int, typer.Option(min=1, help="Rollouts in a step, over all processes.")] = 32,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 3e-3,
-    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 24,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 32,
     seed: _Seed = 0,
     start_from: _StartFrom = None,
     processes: _Processes = CORES,
@@ -177,7 +177,7 @@ _BELIEF_COLUMNS = {
     "at 200, noise": "error_touched_200_noisy",
 }
 _SPREAD_COLUMNS = {
-    "surprise": "surprise",
+    "loss": "loss_of_bodies",
     "within 68 %": "coverage_68",
     "95 %": "coverage_95",
     "yaw within 68 %": "yaw_coverage_68",

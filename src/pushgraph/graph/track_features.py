@@ -118,7 +118,7 @@ def track_features(
     way_of_tool = path[..., bodies:].amax(-1, keepdim=True)
     pace = moved[..., bodies:].amax(-1, keepdim=True)
     change = moved.diff(dim=1, prepend=moved[:, :1]) / (moved + pace + LEAST_LENGTH)
-    drive = steps[:, :, bodies : bodies + 1, :2] * ~lifted[..., bodies:bodies + 1, None]
+    drive = steps[:, :, bodies : bodies + 1, :2] * ~lifted[..., bodies : bodies + 1, None]
     with_tool = (steps[..., :2] * drive).sum(-1) / (way * pace + LEAST_LENGTH**2)
     touches = near.diff(dim=1, prepend=near[:, :1]).abs().sum(-1).cumsum(1)
     doubted = _between(doubt.float(), len(is_tool), bodies)[:, None] * was_near

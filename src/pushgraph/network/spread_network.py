@@ -52,7 +52,7 @@ class SpreadNetwork(nn.Module):
 
     PHYSICS = "contact"
 
-    def __init__(self, hidden: int = 24) -> None:
+    def __init__(self, hidden: int = 32) -> None:
         super().__init__()
         self.encode = nn.Linear(len(FEATURES), hidden)
         self.hear = Messages(hidden, hidden)

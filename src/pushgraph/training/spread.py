@@ -5,7 +5,7 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.errors import TrainingError
 from pushgraph.graph.track_features import TrackFeatures, track_features
-from pushgraph.network.spread_network import SPREADS, Scales
+from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales
 from pushgraph.scene_range import range_of
 from pushgraph.spread_model import spread_at_knots
 from pushgraph.training.conduct import conduct, open_dataset
@@ -29,6 +29,10 @@ MOVED, SELDOM = 1e-3, 0.03
 MOVED_FAR = 0.01
 """Bodies that have moved more than this (m) count in the validation's coverage."""
 VALIDATION_FRAMES, VALIDATION_WATCH = 51, 20
+CALIBRATED, MISSES = (0.68, 0.95), 2.0
+"""Bounds that are fitted by themselves beside the density, and their weight."""
+TINY = 1e-3
+"""Errors of less than this many scales are as good as none."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class SpreadTraining(Training):
     frames: int = 64
     batch: int = 32
     learning_rate: float = 3e-3
-    hidden: int = 24
+    hidden: int = 32
     rollouts: int = 12_800
 
     def __post_init__(self) -> None:
@@ -68,23 +72,60 @@ def features_of(example: Predicted) -> TrackFeatures:
     )
 
 
-def surprise(
-    scales: Scales, direction: Float[Tensor, "*batch bodies"], error: Float[Tensor, "*batch bodies 3"]
-) -> Float[Tensor, "*batch bodies"]:
-    """Negative logarithm of the density of errors; see `pushgraph.spread`."""
-    cos, sin = direction.cos(), direction.sin()
-    x, y, yaw = error.unbind(-1)
-    along, across = (cos * x + sin * y) / scales.along, (cos * y - sin * x) / scales.across
-    degrees, yaw_degrees = scales.degrees, scales.yaw_degrees
-    position = (scales.along * scales.across).log() + (degrees / 2 + 1) * ((along**2 + across**2) / degrees).log1p()
-    turn = scales.yaw.log() + (yaw_degrees + 1) * (yaw.abs() / scales.yaw / yaw_degrees).log1p()
-    return position + turn
+class ScaledErrors(NamedTuple):
+    """Errors in scales. square: of the position's. turn: the yaw's, without its sign."""
+
+    square: Float[Tensor, "*batch bodies"]
+    turn: Float[Tensor, "*batch bodies"]
+
+    @classmethod
+    def of(
+        cls, scales: Scales, direction: Float[Tensor, "*batch bodies"], error: Float[Tensor, "*batch bodies 3"]
+    ) -> "ScaledErrors":
+        """Errors (m, m, rad; world axes) in the scales that are stated."""
+        cos, sin = direction.cos(), direction.sin()
+        x, y, yaw = error.unbind(-1)
+        along, across = (cos * x + sin * y) / scales.along, (cos * y - sin * x) / scales.across
+        return cls(along**2 + across**2, yaw.abs() / scales.yaw)
+
+
+def surprise(scales: Scales, errors: ScaledErrors) -> Float[Tensor, "*batch bodies"]:
+    """Negative logarithm of the density of errors (`pushgraph.spread`), beyond that of none in the least scales."""
+    size = (scales.along / LEAST).log() + (scales.across / LEAST).log() + (scales.yaw / LEAST_YAW).log()
+    position = (scales.degrees / 2 + 1) * (errors.square / scales.degrees).log1p()
+    turn = (scales.yaw_degrees + 1) * (errors.turn / scales.yaw_degrees).log1p()
+    return size + position + turn
+
+
+def misses(scales: Scales, errors: ScaledErrors) -> Float[Tensor, "*batch bodies"]:
+    """How far errors are beyond or within their bounds of 68 and 95 %, in logarithms.
+
+    Least where just so many are within, whatever the true distribution: it may be one of two ways to go. This is the
+    pinball loss of quantile regression (Koenker and Bassett 1978).
+    """
+    total = torch.zeros_like(errors.square)
+    for probability in CALIBRATED:
+        for size, bound in (
+            (errors.square.clamp(min=TINY).log() / 2, _radius(scales.degrees, probability).log()),
+            (errors.turn.clamp(min=TINY).log(), _turn(scales.yaw_degrees, probability).log()),
+        ):
+            beyond = size - bound
+            total = total + torch.where(beyond > 0, probability, probability - 1) * beyond
+    return total
+
+
+def _radius(degrees: Tensor, probability: float) -> Tensor:
+    return (degrees * ((1 - probability) ** (-2 / degrees) - 1)).sqrt()
+
+
+def _turn(degrees: Tensor, probability: float) -> Tensor:
+    return degrees * ((1 - probability) ** (-1 / degrees) - 1)
 
 
 class SpreadTask:
-    """Surprise at the errors of rollouts; validation with joints given and believed."""
+    """Surprise at the errors of rollouts, and how bounds are missed; validation with joints given and believed."""
 
-    numbers = ("surprise", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
+    numbers = ("loss_of_bodies", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
 
     def __init__(self, training: SpreadTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._device = training, device
@@ -107,7 +148,7 @@ class SpreadTask:
         )
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
-        """Mean surprise at the step's batch."""
+        """Mean loss of the bodies in the step's batch."""
         epoch, place = divmod(step, self._batches)
         generator = torch.Generator().manual_seed(hash((self._seed, epoch, 5)) % 2**63)
         number = int(torch.randperm(self._batches, generator=generator)[place])
@@ -132,10 +173,12 @@ class SpreadTask:
 
 
 def _weighed(network: nn.Module, example: Predicted, features: TrackFeatures) -> tuple[Tensor, Tensor]:
-    """Weights of bodies in frames, and the surprise at each."""
+    """Weights of bodies in frames, and the loss of each."""
     knots = features.knots
     error = (example.true - example.poses)[:, knots]
-    value = surprise(network(features), features.direction, error)
+    scales = network(features)
+    errors = ScaledErrors.of(scales, features.direction, error)
+    value = surprise(scales, errors) + MISSES * misses(scales, errors)
     there = example.counts[:, knots, None] & example.scenes.present[:, None] & ~example.scenes.immovable[:, None]
     moved = _moved(example, features, MOVED)
     return there * torch.where(moved, 1.0, SELDOM), value
