@@ -47,7 +47,8 @@ class SpreadNetwork(nn.Module):
     """Messages between coupled nodes tell at which rates doubt grows as a body moves; what has grown by then, and a
     second round of messages, settle the scales, as shares of the motion around each body.
 
-    So where nothing moved, nothing is doubtful, and what is doubtful about a body reaches its neighbours.
+    So where nothing moved, nothing is doubtful, and what is doubtful about a body reaches its neighbours. `widening`:
+    factors of the scales of positions and of yaws, set once after training.
     """
 
     PHYSICS = "contact"
@@ -59,6 +60,7 @@ class SpreadNetwork(nn.Module):
         self.rate = nn.Linear(hidden, hidden)
         self.hear_again = Messages(2 * hidden, hidden)
         self.answer = nn.Linear(3 * hidden, len(Scales._fields))
+        self.register_buffer("widening", torch.ones(2))
         with torch.no_grad():
             self.answer.weight *= 0.1
             self.answer.bias.copy_(torch.tensor([-4.0, -4.0, 0.0, -4.0, 0.0]))
@@ -84,11 +86,12 @@ class SpreadNetwork(nn.Module):
         answers = self.answer(torch.cat((encoded, grown, again), -1)[:, :, :bodies])
         along, across, degrees, yaw, yaw_degrees = answers.unbind(-1)
         around = track.around
+        wider, yaw_wider = self.widening
         return Scales(
-            along=LEAST + around * _share(along),
-            across=LEAST + around * _share(across),
+            along=LEAST + wider * around * _share(along),
+            across=LEAST + wider * around * _share(across),
             degrees=_degrees(degrees),
-            yaw=LEAST_YAW + around / track.lever[:, None] * _share(yaw),
+            yaw=LEAST_YAW + yaw_wider * around / track.lever[:, None] * _share(yaw),
             yaw_degrees=_degrees(yaw_degrees),
         )
 

@@ -6,8 +6,10 @@ import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
+from torch import nn
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.dataset.store import Dataset
@@ -26,8 +28,11 @@ def conduct(
     out: Path,
     device: str,
     tell: Callable[[Progress, float], None],
+    finish: Callable[[nn.Module, Any], None] = lambda network, task: None,
 ) -> Progress | None:
     """Train a network and write its checkpoint to `out`; the same call goes on after a kill.
+
+    finish: what is left to do, with the weights that were kept and the leading process's task.
 
     Under torchrun every process calls this; all but the leading one return None.
     """
@@ -49,6 +54,7 @@ def conduct(
         processes.leave()
         if not processes.leads:
             return None
+        finish(network, task)
         record = {
             "training": training.without_folders() | {"processes": processes.count},
             "data": task.data_recipe,

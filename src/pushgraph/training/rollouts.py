@@ -181,9 +181,7 @@ def _watched(belief: BeliefModel, scenes: SceneBatch, seen: _Stretches) -> Watch
     watched = None
     for frame in zip(*frames, strict=True):
         watched = (
-            belief.begin(scenes, *frame, everything)
-            if watched is None
-            else belief.observe(watched, *frame, everything)
+            belief.begin(scenes, *frame, everything) if watched is None else belief.observe(watched, *frame, everything)
         )
     assert watched is not None
     return watched

@@ -142,7 +142,7 @@ class SpreadTask:
         self._batch = functools.cache(lambda number: maker(number, training.frames))
         self._seed = seed
         tracks = [validation[k] for k in range(processes.rank, len(validation), processes.count)]
-        self._validation = (
+        self.validation = (
             predicted_as_known(tracks, [0] * len(tracks), VALIDATION_FRAMES, dynamics),
             predicted_as_believed(tracks, VALIDATION_WATCH, VALIDATION_FRAMES, dynamics, belief),
         )
@@ -160,7 +160,7 @@ class SpreadTask:
     def validate(self, network: nn.Module) -> Tensor:
         """Sums over validation rollouts of `numbers`, and what to divide them by."""
         sums = torch.zeros(len(self.numbers) + 1)
-        for example in self._validation:
+        for example in self.validation:
             features = features_of(example)
             weight, value = _weighed(network, example, features)
             spread, knots = spread_at_knots(network(features), features), features.knots
@@ -190,6 +190,23 @@ def _moved(example: Predicted, features: TrackFeatures, distance: float) -> Tens
     return (gone[0] > distance) | (gone[1] > distance)
 
 
+@torch.no_grad()
+def calibrate(network: nn.Module, task: SpreadTask) -> None:
+    """Widen the scales of positions, and those of yaws, so that 68 % of the validation's errors are within 68 %."""
+    needed: list[tuple[Tensor, Tensor]] = []
+    for example in task.validation:
+        features = features_of(example)
+        scales = network(features)
+        errors = ScaledErrors.of(scales, features.direction, (example.true - example.poses)[:, features.knots])
+        moved = _moved(example, features, MOVED_FAR) & example.counts[:, features.knots, None]
+        position = errors.square.sqrt() / _radius(scales.degrees, CALIBRATED[0])
+        turn = errors.turn / _turn(scales.yaw_degrees, CALIBRATED[0])
+        needed.append((position[moved], turn[moved]))
+    network.widening.copy_(
+        torch.stack([torch.cat(some).quantile(CALIBRATED[0]) for some in zip(*needed, strict=True)])
+    )
+
+
 def train_spread(
     training: SpreadTraining,
     cache: Path,
@@ -198,4 +215,4 @@ def train_spread(
     tell: Callable[[Progress, float], None] = lambda now, loss: None,
 ) -> Progress | None:
     """Train a network that states spreads; see `conduct`."""
-    return conduct(training, SpreadTask, cache, out, device, tell)
+    return conduct(training, SpreadTask, cache, out, device, tell, calibrate)
