@@ -287,7 +287,7 @@ class PhysicsPredictor:
                     push=push,
                     seen=np.ones((len(push), 1 + len(scene.bodies)), dtype=bool),
                     # A polygon is as far off as its first part.
-                    spread=stated and stated.take((k, slice(len(push)), taken_apart[k].first)),
+                    spread=stated and stated.take((k, slice(len(push)))).take((slice(None), taken_apart[k].first)),
                 )
             )
         return tracks

@@ -215,26 +215,27 @@ def _belief_table(results, objects: int) -> Table:
 def _spread_table(results, objects: int) -> Table:
     title = f"Bodies that moved, {objects} objects (95 % interval over scenes in results.json)"
     table = Table(title=title, pad_edge=False)
-    columns = ("joints", "masses", "frames", "scenes", "68 %", "95 %", "rank corr.", "yaw 68 %", "95 %", "rank corr.")
+    columns = ("joints", "masses", "frames", "68 %", "95 %", "rank", "yaw 68 %", "95 %", "rank")
     for name in columns:
-        table.add_column(name, justify="left" if name in ("joints", "masses", "scenes") else "right")
+        table.add_column(name, justify="left" if name in ("joints", "masses") else "right")
+    table.caption = "rank: correlation of spread and error"
     names = ("coverage_68", "coverage_95", "spread_correlation")
     metrics = (*names, *(f"yaw_{name}" for name in names))
-    label_names = ("joints", "observed_frames", "masses", "frames", "density")
+    label_names = ("joints", "observed_frames", "masses", "frames")
     values = {
         (*(row[name] for name in label_names), row["metric"]): row["value"]
         for row in results.rows
-        if row["objects"] == objects and row["bodies"] == "moved"
+        if (row["objects"], row["bodies"], row["density"]) == (objects, "moved", "all")
     }
-    order = sorted(dict.fromkeys(key[:-1] for key in values), key=lambda key: ("given", "believed").index(key[0]))
+    order = dict.fromkeys(key[:-1] for key in values)
     for condition, some in itertools.groupby(order, key=lambda key: key[:3]):
         table.add_section()
         joints, observed, masses = condition
         for key in some:
             numbers = [values[*key, metric] for metric in metrics]
-            told = "given" if joints == "given" else f"believed after {observed}"
+            told = f"believed, {observed}" if joints == "believed" else joints
             cells = ("-" if v is None else f"{v:.3f}" for v in numbers)
-            table.add_row(told, masses, str(key[3]), key[4], *cells)
+            table.add_row(told, masses, str(key[3]), *cells)
     return table
 
 

@@ -94,7 +94,18 @@ def evaluate_spread(
                     labels = condition._asdict() | {"objects": number, "density": density, "frames": frames}
                     _add_rows(results, stated, "moved", labels)
                     _add_rows(results, stated, "all", labels)
+            for frames in HORIZONS:
+                stated = [
+                    _together([s.stated[one, frames] for one in CONDITIONS if (one, frames) in s.stated]) for s in chosen
+                ]
+                labels = dict.fromkeys(Condition._fields, "all")
+                _add_rows(results, stated, "moved", labels | {"objects": number, "density": density, "frames": frames})
     return results, scenes
+
+
+def _together(stated: Sequence[Stated]) -> Stated:
+    """What was stated of one scene under several conditions."""
+    return Stated(*(np.concatenate(columns) for columns in zip(*stated, strict=True)))
 
 
 def state_block(block: Block) -> list[SceneSpread]:
