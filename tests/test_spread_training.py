@@ -105,7 +105,7 @@ def test_surprise_is_the_logarithm_of_a_density() -> None:
 
 
 def test_bounds_are_missed_least_where_so_many_errors_are_within() -> None:
-    # Positions of two sizes of errors, as if a joint were there or not: no Student t fits, its bounds shall all the same.
+    # Positions are a little or far off, as if a joint were there or not: no Student t fits, but its bounds shall.
     torch.manual_seed(0)
     size = torch.where(torch.rand(4000) < 0.5, 0.01, 1.0) * (0.3 + 1.7 * torch.rand(4000))
     turn = -torch.rand(4000).log().square()

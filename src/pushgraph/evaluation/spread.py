@@ -95,9 +95,8 @@ def evaluate_spread(
                     _add_rows(results, stated, "moved", labels)
                     _add_rows(results, stated, "all", labels)
             for frames in HORIZONS:
-                stated = [
-                    _together([s.stated[one, frames] for one in CONDITIONS if (one, frames) in s.stated]) for s in chosen
-                ]
+                known = [[s.stated[one, frames] for one in CONDITIONS if (one, frames) in s.stated] for s in chosen]
+                stated = [_together(of_scene) for of_scene in known if of_scene]
                 labels = dict.fromkeys(Condition._fields, "all")
                 _add_rows(results, stated, "moved", labels | {"objects": number, "density": density, "frames": frames})
     return results, scenes

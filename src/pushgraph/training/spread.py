@@ -31,8 +31,8 @@ MOVED_FAR = 0.01
 VALIDATION_FRAMES, VALIDATION_WATCH = 51, 20
 CALIBRATED, MISSES = (0.68, 0.95), 2.0
 """Bounds that are fitted by themselves beside the density, and their weight."""
-TINY = 1e-3
-"""Errors of less than this many scales are as good as none."""
+TINY = 1e-30
+"""Keeps logarithms finite where there is no error at all; any larger one shall draw its scale."""
 
 
 @dataclass(frozen=True)
