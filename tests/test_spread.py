@@ -196,22 +196,19 @@ def test_nothing_is_doubtful_where_nothing_moves(predictor) -> None:
     assert (spread.ellipse(0.68).along[-1, :2] > 2e-4).all()
 
 
-@pytest.mark.parametrize("unknown", ["masses", "side_friction", "table_friction", "joints"])
+@pytest.mark.parametrize("unknown", ["masses", "side_friction", "joints"])
 def test_what_is_not_known_widens_the_spread(predictor, unknown) -> None:
     scene, beliefs = pushed_row(), None
     if unknown == "masses":
         other = scene.replace(bodies=tuple(one.replace(mass=None) for one in scene.bodies))
     elif unknown == "side_friction":
         other = scene.replace(side_friction=None)
-    elif unknown == "table_friction":
-        other = scene.replace(table=scene.table.replace(friction=None))
     else:
         other, beliefs = scene, {("b", "a"): UNSURE, ("b", "c"): UNSURE}
     known = predictor.predict(scene, spread=True).spread
     wider = predictor.predict(other, spread=True, beliefs=beliefs).spread
     size, wider_size = (some.ellipse(0.68).along[-1, :3].sum() for some in (known, wider))
-    # What is pushed slowly hardly minds the friction of the table, which scales all forces.
-    assert wider_size > 1.02 * size
+    assert wider_size > 1.05 * size
 
 
 def test_the_surer_the_belief_the_narrower_the_spread(predictor) -> None:

@@ -346,6 +346,7 @@ def _doubt(states: State, scenes: Sequence[Scene], beliefs: Sequence[Beliefs]) -
                 raise PredictionError(
                     f"beliefs: {names!r}: must be probabilities of {', '.join(JOINT_CODES)}, got {values.tolist()}"
                 )
-            pair = pair_index(*sorted(index[name] for name in names), bodies)
+            a, b = sorted(index[name] for name in names)
+            pair = pair_index(a, b, bodies)
             probabilities[k, pair], believed[k, pair] = torch.from_numpy(values).float(), True
     return torch.where(believed, doubt_of(states.scenes, relations, probabilities), doubt)

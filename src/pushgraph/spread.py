@@ -11,7 +11,7 @@ and with z = |error| / yaw a yaw is as likely either way, with a Pareto tail (Lo
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ from torch import Tensor
 
 from pushgraph import pose
 
-Array = np.ndarray | Tensor
+Array = Any  # np.ndarray or Tensor, the same throughout
 UNITS = dict(direction="rad", along="m", across="m", degrees="", farthest="m", yaw="rad", yaw_degrees="")
 
 
@@ -94,7 +94,7 @@ class Spread(NamedTuple):
         """The same as NumPy arrays in float64."""
         return Spread(*(np.asarray(torch.as_tensor(values).detach().cpu(), dtype=float) for values in self))
 
-    def take(self, index: object) -> "Spread":
+    def take(self, index: Any) -> "Spread":
         """Some of it: the arrays indexed."""
         return Spread(*(values[index] for values in self))
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -83,22 +83,20 @@ def evaluate_spread(
     models: the checkpoints `contact`, which predicts, `spread`, which says how surely, and `belief`, which watches.
     """
     scenes = measure_blocks(state_block, objects, count, seed, models, workers, progress)
-    labels = ("objects", "frames", "density", "joints", "observed_frames", "masses", "bodies")
-    results = Results("spread", {"setup": SETUP, "count": count, "seed": seed}, labels)
+    names = ("objects", "frames", "density", "joints", "observed_frames", "masses", "bodies")
+    results = Results("spread", {"setup": SETUP, "count": count, "seed": seed}, names)
     for number in objects:
         for density in DENSITIES:
             chosen = [s for s in scenes if s.objects == number and density in ("all", s.density)]
-            for condition in CONDITIONS:
-                for frames in HORIZONS:
-                    stated = [s.stated[condition, frames] for s in chosen if (condition, frames) in s.stated]
-                    labels = condition._asdict() | {"objects": number, "density": density, "frames": frames}
-                    _add_rows(results, stated, "moved", labels)
-                    _add_rows(results, stated, "all", labels)
             for frames in HORIZONS:
+                labels = {"objects": number, "density": density, "frames": frames}
+                for condition in CONDITIONS:
+                    stated = [s.stated[condition, frames] for s in chosen if (condition, frames) in s.stated]
+                    _add_rows(results, stated, "moved", labels | condition._asdict())
+                    _add_rows(results, stated, "all", labels | condition._asdict())
                 known = [[s.stated[one, frames] for one in CONDITIONS if (one, frames) in s.stated] for s in chosen]
-                stated = [_together(of_scene) for of_scene in known if of_scene]
-                labels = dict.fromkeys(Condition._fields, "all")
-                _add_rows(results, stated, "moved", labels | {"objects": number, "density": density, "frames": frames})
+                together = [_together(of_scene) for of_scene in known if of_scene]
+                _add_rows(results, together, "moved", labels | dict.fromkeys(Condition._fields, "all"))
     return results, scenes
 
 
@@ -132,10 +130,11 @@ def state_block(block: Block) -> list[SceneSpread]:
             *(level, yaw_level, (ellipse.along + ellipse.across) / 2, yaw_size),
             *(np.hypot(error[..., 0], error[..., 1]), np.abs(error[..., 2]), gone[0] | gone[1]),
         )
+        arrays = [np.asarray(column) for column in columns]
         for k in range(len(tracks)):
             for frames in HORIZONS:
                 if first + frames <= int(seen.lengths[k]):
-                    found[k][condition, frames] = Stated(*(column[k, frames - 1] for column in columns))
+                    found[k][condition, frames] = Stated(*(array[k, frames - 1] for array in arrays))
     return [SceneSpread(block.objects, t.density, of) for t, of in zip(trajectories, found, strict=True)]
 
 
@@ -157,7 +156,7 @@ def _starts(scenes: SceneBatch, seen: Recording, belief: BeliefModel) -> Iterato
             yield Condition("believed", frame, "known"), state, doubt_of(scenes, relations, probabilities)
 
 
-def _add_rows(results: Results, stated: Sequence[Stated], bodies: str, labels: Mapping[str, object]) -> None:
+def _add_rows(results: Results, stated: Sequence[Stated], bodies: str, labels: Mapping[str, Any]) -> None:
     chosen = [one.moved if bodies == "moved" else np.ones_like(one.moved) for one in stated]
     scene = np.repeat(np.arange(len(stated)), [int(some.sum()) for some in chosen])
 

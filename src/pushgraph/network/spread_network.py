@@ -52,6 +52,7 @@ class SpreadNetwork(nn.Module):
     """
 
     PHYSICS = "contact"
+    widening: Tensor
 
     def __init__(self, hidden: int = 32) -> None:
         super().__init__()

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.dataset.store import Dataset
@@ -23,12 +22,12 @@ from pushgraph.training.running import Progress, RunningCheckpoint
 
 def conduct(
     training: Training,
-    make_task: Callable[[Training, Processes, torch.device], Task],
+    make_task: Callable[[Any, Processes, torch.device], Task],
     cache: Path,
     out: Path,
     device: str,
     tell: Callable[[Progress, float], None],
-    finish: Callable[[nn.Module, Any], None] = lambda network, task: None,
+    finish: Callable[[Any, Any], None] = lambda network, task: None,
 ) -> Progress | None:
     """Train a network and write its checkpoint to `out`; the same call goes on after a kill.
 

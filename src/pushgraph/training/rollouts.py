@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.belief import BeliefModel, Watch
 from pushgraph.dataset.store import Dataset
@@ -15,6 +15,7 @@ from pushgraph.graph.joint_truth import unaware
 from pushgraph.graph.scene_batch import Relations, SceneBatch, batch_scenes, hide_relations
 from pushgraph.graph.state import State, start
 from pushgraph.graph.track_features import default_doubt, doubt_of
+from pushgraph.network.dynamics import Dynamics
 from pushgraph.physics import rollout
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 from pushgraph.track import Track
@@ -54,7 +55,7 @@ class RolloutMaker:
     """
 
     def __init__(
-        self, dataset: Dataset, dynamics: nn.Module, belief: BeliefModel, rollouts: int, batch: int, seed: int
+        self, dataset: Dataset, dynamics: Dynamics, belief: BeliefModel, rollouts: int, batch: int, seed: int
     ) -> None:
         self._dataset, self._dynamics, self._belief, self._seed = dataset, dynamics, belief, seed
         rng = np.random.default_rng([seed, 3])
@@ -92,7 +93,7 @@ def predicted_as_known(
     tracks: Sequence[Track],
     firsts: Sequence[int],
     frames: int,
-    dynamics: nn.Module,
+    dynamics: Dynamics,
     rng: np.random.Generator | None = None,
     hidden: bool = False,
 ) -> Predicted:
@@ -115,7 +116,7 @@ def predicted_as_believed(
     tracks: Sequence[Track],
     first: int,
     frames: int,
-    dynamics: nn.Module,
+    dynamics: Dynamics,
     belief: BeliefModel,
     rng: np.random.Generator | None = None,
 ) -> Predicted:
@@ -177,18 +178,14 @@ def _stretches(tracks: Sequence[Track], firsts: Sequence[int], frames: int, bodi
 
 def _watched(belief: BeliefModel, scenes: SceneBatch, seen: _Stretches) -> Watch:
     everything = torch.ones_like(seen.bodies[:, 0, :, 0], dtype=torch.bool)
-    frames = [values.unbind(1)[1:] for values in (seen.bodies, seen.tool, seen.down)]
-    watched = None
-    for frame in zip(*frames, strict=True):
-        watched = (
-            belief.begin(scenes, *frame, everything) if watched is None else belief.observe(watched, *frame, everything)
-        )
-    assert watched is not None
+    watched = belief.begin(scenes, seen.bodies[:, 1], seen.tool[:, 1], seen.down[:, 1], everything)
+    for frame in range(2, seen.bodies.shape[1]):
+        watched = belief.observe(watched, seen.bodies[:, frame], seen.tool[:, frame], seen.down[:, frame], everything)
     return watched
 
 
 @torch.no_grad()
-def _predicted(state: State, seen: _Stretches, doubt: Tensor, dynamics: nn.Module) -> Predicted:
+def _predicted(state: State, seen: _Stretches, doubt: Tensor, dynamics: Dynamics) -> Predicted:
     tool, down = seen.tool[:, 1:], seen.down[:, 1:]
     poses = rollout(dynamics, state.double(), tool, down).poses
     counts = seen.lasts[:, 1:].clone()

@@ -5,7 +5,7 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import torch
 from jaxtyping import Float
@@ -15,7 +15,8 @@ from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.errors import TrainingError
 from pushgraph.graph.track_features import TrackFeatures, track_features
-from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales, SpreadNetwork
 from pushgraph.scene_range import range_of
 from pushgraph.spread_model import spread_at_knots
 from pushgraph.training.conduct import conduct, open_dataset
@@ -132,9 +133,10 @@ class SpreadTask:
         data, validation = open_dataset(training.data), open_dataset(training.validation)
         self.range = range_of(data.scene(k) for k in range(len(data)))
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
-        below = load_checkpoint(shipped(SPREADS[training.model].PHYSICS))
+        below = load_checkpoint(shipped(SpreadNetwork.PHYSICS))
         self.physics = below.hash
-        dynamics, belief = below.network.requires_grad_(False), BeliefModel.load()
+        dynamics = cast(Dynamics, below.network.requires_grad_(False))
+        belief = BeliefModel.load()
         share = max(1, training.batch // processes.count)
         seed = training.seed * 1000 + processes.rank
         maker = RolloutMaker(data, dynamics, belief, training.rollouts // processes.count, share, seed)
@@ -191,7 +193,7 @@ def _moved(example: Predicted, features: TrackFeatures, distance: float) -> Tens
 
 
 @torch.no_grad()
-def calibrate(network: nn.Module, task: SpreadTask) -> None:
+def calibrate(network: SpreadNetwork, task: SpreadTask) -> None:
     """Widen the scales of positions, and those of yaws, so that 68 % of the validation's errors are within 68 %."""
     needed: list[tuple[Tensor, Tensor]] = []
     for example in task.validation:
