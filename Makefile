@@ -12,7 +12,7 @@ JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
-.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe data clean
+.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe weights-spread data clean
 
 install: $(VENV)/.installed
 
@@ -41,14 +41,16 @@ schema: install
 	  > docs/scene.schema.json
 
 # Every shipped checkpoint from nothing; killed, the same command goes on. make -j2 weights trains two side by side.
-# Beliefs stand on the physics weights, so they come after them.
+# Beliefs stand on the physics weights, and spreads on both, so they come after them.
 weights: data
 	+$(MAKE) weights-contact weights-propnet
 	+$(MAKE) weights-belief weights-paper-recipe
+	+$(MAKE) weights-spread
 
 data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 2400 --seed 0 --out $(DATA)/parts.h5
+	$(BIN)/pushgraph generate planar-mixed --objects 12 --count 800 --seed 0 --out $(DATA)/mixed.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 2400 --seed 0 --out $(DATA)/jointed.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 104 --seed 900000 --out $(DATA)/jointed-validation.h5
@@ -68,6 +70,10 @@ weights-belief: data
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
 	  --precision bfloat16 --out $(WEIGHTS)/paper_recipe.safetensors
+
+weights-spread: data
+	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
+	  --rollouts 6400 --samples 4000000 --out $(WEIGHTS)/spread.safetensors
 
 clean:
 	rm -rf $(VENV) demo

@@ -23,6 +23,7 @@ _MODULE_OF = {
     "Track": "pushgraph.track",
     **dict.fromkeys(("Recording", "read_recording"), "pushgraph.recording.recording"),
     **dict.fromkeys(("Declared", "ReadOptions"), "pushgraph.recording.sightings"),
+    "Spread": "pushgraph.spread",
     **dict.fromkeys(("assumptions", "remarks"), "pushgraph.plausibility"),
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
     "PhysicsPredictor": "pushgraph.physics",

@@ -20,11 +20,12 @@ from torch import Tensor, nn
 from pushgraph.errors import CheckpointError
 from pushgraph.network.belief_network import BELIEFS
 from pushgraph.network.dynamics import DYNAMICS
+from pushgraph.network.spread_network import SPREADS
 from pushgraph.storage import replacing
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
-KINDS = {**DYNAMICS, **BELIEFS}
+KINDS = {**DYNAMICS, **BELIEFS, **SPREADS}
 """Every network by name."""
 
 
@@ -32,7 +33,8 @@ KINDS = {**DYNAMICS, **BELIEFS}
 class Checkpoint:
     """A network, its kind and config, and the record of its training.
 
-    physics: hash of the checkpoint of the physics network that a belief stands on. hash: its own, once it is saved.
+    physics: hash of the checkpoint of the physics network that a belief or a spread stands on. hash: its own, once it
+    is saved.
     """
 
     kind: str

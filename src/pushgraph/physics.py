@@ -13,20 +13,23 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from safetensors.torch import save
-from torch import Tensor
+from torch import Tensor, nn
 
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import CheckpointError, PredictionError, RangeWarning
-from pushgraph.graph.scene_batch import batch_scenes
+from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
+from pushgraph.graph.track_features import default_doubt, doubt_of
 from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import in_parts
 from pushgraph.scene_range import outside
 from pushgraph.simulation.motion import plan_tool
+from pushgraph.spread import Spread
+from pushgraph.spread_model import SpreadModel
 from pushgraph.storage import cache_folder, replacing
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
@@ -35,6 +38,9 @@ MODELS = ("contact", "propnet")
 """The shipped predictors: ours, and the paper's."""
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 """What the networks may compute in; geometry and poses keep their own precision."""
+Beliefs = Mapping[tuple[str, str], Sequence[float] | np.ndarray]
+"""Probabilities of none, fixed, prismatic and revolute for pairs of bodies, by name: those of a `BeliefRegulator` are
+`dict(zip(regulator.pairs, regulator.probabilities))`. Other pairs count as the scene says."""
 FEW = 64
 """So few scenes are predicted on one thread: several would wait for each other more than they work."""
 
@@ -60,10 +66,12 @@ class Rollout(NamedTuple):
     """Poses in every frame, the first being where everything starts.
 
     poses: pose_world_from_body. tool: pose_world_from_tool; as it was asked for, but where a force limit held it back.
+    spread: how far off the poses may be, [batch frames bodies]; None if it was not asked for.
     """
 
     poses: Float[Tensor, "batch frames bodies 3"]
     tool: Float[Tensor, "batch frames 3"]
+    spread: Spread | None = None
 
 
 def rollout(
@@ -109,11 +117,19 @@ def rollout(
 class PhysicsPredictor:
     """A trained network that predicts what pushes do, for any number of bodies and scenes.
 
-    record: how it was trained.
+    record: how it was trained. hash: of its checkpoint. spread: shipped name or file of the checkpoint that states how
+    far off it may be; read when it is first asked for.
     """
 
-    def __init__(self, dynamics: Dynamics, record: Mapping[str, Any] | None = None) -> None:
-        self.dynamics, self.record = dynamics, dict(record or {})
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        record: Mapping[str, Any] | None = None,
+        hash: str | None = None,
+        spread: str | os.PathLike = "spread",
+    ) -> None:
+        self.dynamics, self.record, self.hash = dynamics, dict(record or {}), hash
+        self._spread = spread
         self._warned = False
 
     @property
@@ -123,12 +139,17 @@ class PhysicsPredictor:
 
     @classmethod
     def load(
-        cls, model: str | os.PathLike = "contact", device: str = "cpu", precision: str = "float32"
+        cls,
+        model: str | os.PathLike = "contact",
+        device: str = "cpu",
+        precision: str = "float32",
+        spread: str | os.PathLike = "spread",
     ) -> "PhysicsPredictor":
         """Load a shipped predictor by name, or the checkpoint in a file.
 
         precision: what the network computes in: "float32", "bfloat16", or "auto" for what is faster on this machine.
         What is solved, as by `contact`, is solved in float64 whatever this says.
+        spread: the checkpoint that states how far off predictions may be, by name or file.
         Raises CheckpointError if there is no such file, or any part of it is not what it should be, and
         PredictionError if there is no such precision.
         """
@@ -140,7 +161,21 @@ class PhysicsPredictor:
         if checkpoint.kind not in DYNAMICS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
         network = checkpoint.network.to(device, PRECISIONS[precision]).requires_grad_(False)
-        return cls(cast(Dynamics, network), checkpoint.record)
+        return cls(cast(Dynamics, network), checkpoint.record, checkpoint.hash, spread)
+
+    @functools.cached_property
+    def spread_model(self) -> SpreadModel:
+        """What states the spread of these weights; raises CheckpointError if its checkpoint is of others."""
+        device = next(self.dynamics.parameters()).device if isinstance(self.dynamics, nn.Module) else "cpu"
+        return SpreadModel.load(self._spread, self.hash, device)
+
+    @property
+    def states_spread(self) -> bool:
+        """Whether the checkpoint of spreads is of these weights."""
+        try:
+            return self.spread_model is not None
+        except CheckpointError:
+            return False
 
     def start(self, scenes: Sequence[Scene]) -> State:
         """The state of scenes at rest, at the poses they give; bodies whose yaw is not known count as not turned.
@@ -162,18 +197,39 @@ class PhysicsPredictor:
         frames_per_step: int = 1,
         longest_step: float | None = None,
         force_limit: Float[Tensor, "batch frames"] | None = None,
+        spread: bool = False,
+        doubt: Float[Tensor, "batch pairs"] | None = None,
     ) -> Rollout:
-        """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses."""
-        return rollout(self.dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
+        """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses.
 
-    def predict(self, scene: Scene, pushes: Sequence[Push] | None = None) -> Track:
+        spread: whether to state how far off that may be. doubt: probability of every pair that what `states` take for
+        its joint is wrong, see `pushgraph.graph.track_features.doubt_of`; none by default, but about unknown pairs.
+        Raises CheckpointError if the checkpoint of spreads is of other weights.
+        """
+        if doubt is not None and not spread:
+            raise PredictionError("doubt: widens the spread alone, so it needs spread=True")
+        model = self.spread_model if spread else None
+        predicted = rollout(self.dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
+        if model is None:
+            return predicted
+        return predicted._replace(spread=model.spread(states, predicted.poses, predicted.tool, down, doubt))
+
+    def predict(
+        self,
+        scene: Scene,
+        pushes: Sequence[Push] | None = None,
+        spread: bool = False,
+        beliefs: Beliefs | None = None,
+    ) -> Track:
         """Predict the scene's pushes, or these instead, frame by frame as `simulate` would record them.
 
+        spread: whether the track shall say how far off it may be (`track.spread`). beliefs: what is believed of the
+        joints of pairs, which widens the spread; see `Beliefs`.
         Raises PredictionError if a later push comes down on a body. For what else is doubtful about it see
         `pushgraph.plausibility`.
         """
         scene = scene if pushes is None else scene.replace(pushes=tuple(pushes))
-        track = self.predict_many([scene])[0]
+        track = self.predict_many([scene], spread=spread, beliefs=None if beliefs is None else [beliefs])[0]
         if fault := refusal(track, PREDICTED_OVERLAP):
             raise PredictionError(fault)
         return track
@@ -184,11 +240,13 @@ class PhysicsPredictor:
         frames: int | None = None,
         frames_per_step: int = 1,
         longest_step: float | None = None,
+        spread: bool = False,
+        beliefs: Sequence[Beliefs] | None = None,
     ) -> list[Track]:
         """Predict many scenes side by side; with `frames`, only so many frames of each.
 
         frames_per_step, longest_step: how many frames and how much of the tool's way (m) a step may cover, see
-        `pushgraph.graph.steps`.
+        `pushgraph.graph.steps`. spread, beliefs: see `predict`; one for each scene.
 
         Warns, once, of what is unlike the scenes that the predictor was checked on.
         Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
@@ -204,19 +262,23 @@ class PhysicsPredictor:
         taken_apart = [in_parts(scene) for scene in scenes]
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:
-            poses, moved_tool = self.rollout(
-                self.start([apart.scene for apart in taken_apart]),
+            states = self.start([apart.scene for apart in taken_apart])
+            predicted = self.rollout(
+                states,
                 torch.from_numpy(tool),
                 torch.from_numpy(down),
                 frames_per_step,
                 longest_step,
                 torch.from_numpy(limits),
+                spread,
+                None if beliefs is None else _doubt(states, scenes, beliefs),
             )
-        self._check_finite(poses, tool)
+        self._check_finite(predicted.poses, tool)
+        stated = None if predicted.spread is None else predicted.spread.numpy()
         tracks = []
         for k, (scene, (_, push)) in enumerate(zip(scenes, plans, strict=True)):
-            tool_poses = moved_tool[k, : len(push)].numpy()
-            bodies = taken_apart[k].body_poses(poses[k, : len(push)].numpy())
+            tool_poses = predicted.tool[k, : len(push)].numpy()
+            bodies = taken_apart[k].body_poses(predicted.poses[k, : len(push)].numpy())
             tracks.append(
                 Track(
                     scene=scene,
@@ -224,6 +286,8 @@ class PhysicsPredictor:
                     poses=np.concatenate((tool_poses[:, None], bodies), 1),
                     push=push,
                     seen=np.ones((len(push), 1 + len(scene.bodies)), dtype=bool),
+                    # A polygon is as far off as its first part.
+                    spread=stated and stated.take((k, slice(len(push)))).take((slice(None), taken_apart[k].first)),
                 )
             )
         return tracks
@@ -260,3 +324,29 @@ def _force_limits(pushes: Sequence[Push], under_way: Int[np.ndarray, " frames"])
     """Of the push that is under way in each frame (N)."""
     limits = [np.inf if push.force_limit is None else push.force_limit for push in pushes]
     return np.array([*limits, np.inf])[under_way]  # LIFTED counts from the end
+
+
+def _doubt(states: State, scenes: Sequence[Scene], beliefs: Sequence[Beliefs]) -> Float[Tensor, "batch pairs"]:
+    """Probability that what a scene takes for the joint of a pair is wrong."""
+    if len(beliefs) != len(scenes):
+        raise PredictionError(f"beliefs: one mapping a scene is needed, {len(scenes)}; got {len(beliefs)}")
+    relations, bodies = states.relations, states.scenes.mass.shape[1]
+    doubt = default_doubt(relations)
+    probabilities, believed = torch.zeros(*doubt.shape, len(JOINT_CODES)), torch.zeros_like(doubt, dtype=torch.bool)
+    for k, (scene, pairs) in enumerate(zip(scenes, beliefs, strict=True)):
+        if pairs and in_parts(scene).scene is not scene:
+            raise PredictionError(f"beliefs: scene {k} has polygons, of which no joints are believed")
+        index = {name: body for body, name in enumerate(scene.names)}
+        for names, row in pairs.items():
+            unknown = [name for name in names if name not in index]
+            values = np.asarray(row, dtype=float)
+            if unknown or len(set(names)) != 2:
+                raise PredictionError(f"beliefs: {names!r} is no pair of bodies of scene {k}: {', '.join(scene.names)}")
+            if values.shape != (len(JOINT_CODES),) or not (values >= 0).all() or abs(values.sum() - 1) > 1e-3:
+                raise PredictionError(
+                    f"beliefs: {names!r}: must be probabilities of {', '.join(JOINT_CODES)}, got {values.tolist()}"
+                )
+            a, b = sorted(index[name] for name in names)
+            pair = pair_index(a, b, bodies)
+            probabilities[k, pair], believed[k, pair] = torch.from_numpy(values).float(), True
+    return torch.where(believed, doubt_of(states.scenes, relations, probabilities), doubt)

@@ -18,6 +18,7 @@ from pushgraph.body import ROBOT
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import Scene
+from pushgraph.spread import UNITS, Spread
 from pushgraph.storage import replacing, replacing_hdf5
 from pushgraph.stored_array import stored
 
@@ -47,6 +48,7 @@ class Track:
     NaN there. The yaw alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on
     average since the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not
     measured.
+    spread: how far off predicted poses of the bodies may be, [frames bodies]; None if nothing is stated.
     Raises TrackError if anything does not fit.
     """
 
@@ -56,6 +58,7 @@ class Track:
     push: Int[np.ndarray, " frames"]
     seen: Bool[np.ndarray, "frames nodes"]
     wrench: Float[np.ndarray, "frames 3"] | None = None
+    spread: Spread | None = None
 
     def __post_init__(self) -> None:
         frames, nodes = len(self.times), 1 + len(self.scene.bodies)
@@ -66,6 +69,10 @@ class Track:
                 raise TrackError(f"{name}: shape must be {shape}, got {getattr(self, name).shape}")
         if self.wrench is not None and (self.wrench.shape != (frames, 3) or not np.isfinite(self.wrench).all()):
             raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
+        if self.spread is not None:
+            for name, values in self.spread._asdict().items():
+                if values.shape != (frames, nodes - 1):
+                    raise TrackError(f"spread, {name}: shape must be {(frames, nodes - 1)}, got {values.shape}")
         self._check_times()
         self._check_poses()
         most = len(self.scene.pushes) or MOST_PUSHES
@@ -185,7 +192,7 @@ class Track:
         return _Frames(self.times[stretch.start] + times, poses, self.push[stretch][last], seen)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write HDF5, or CSV if the name ends in .csv; the CSV does not hold the scene."""
+        """Write HDF5, or CSV if the name ends in .csv; the CSV holds neither scene nor spread."""
         if Path(path).suffix.lower() == ".csv":
             self._save_csv(path)
         else:
@@ -208,6 +215,9 @@ class Track:
                 file.create_dataset(name, data=getattr(self, name)).attrs["unit"] = unit
             if self.wrench is not None:
                 file.create_dataset("wrench", data=self.wrench).attrs["unit"] = "force (N), world; moment (N m)"
+            if self.spread is not None:
+                for name, values in self.spread._asdict().items():
+                    file.create_dataset(f"spread/{name}", data=values).attrs["unit"] = UNITS[name]
 
     @classmethod
     def _load_hdf5(cls, path: str | os.PathLike, scene: Scene | None) -> "Track":
@@ -226,7 +236,10 @@ class Track:
                 arrays = {name: _array(file, name, kind, axes) for name, (kind, axes) in _ARRAYS.items()}
                 if "wrench" in file:
                     arrays["wrench"] = _array(file, "wrench", "f", 2)
-            return cls(scene, **arrays)
+                spread = None
+                if "spread" in file:
+                    spread = Spread(*(_array(file, f"spread/{name}", "f", 2) for name in Spread._fields))
+            return cls(scene, **arrays, spread=spread)
         except (OSError, KeyError, AttributeError, TypeError, ValueError) as error:
             raise TrackError(f"{path}: cannot read this track, it may be truncated: {error}") from None
         except (TrackError, SceneError) as error:

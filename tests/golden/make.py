@@ -19,6 +19,9 @@ if __name__ == "__main__":
     tracks = {model: load(model).predict(workshop()) for model in MODELS}
     final = {model: track.poses[-1].round(6).tolist() for model, track in tracks.items()}
     Path(__file__).with_name("predictions.json").write_text(json.dumps(final, indent=1))
+    spread = load().predict(workshop(), spread=True).spread.take(-1)
+    stated = {name: values.round(6).tolist() for name, values in spread._asdict().items()}
+    Path(__file__).with_name("spreads.json").write_text(json.dumps(stated, indent=1))
     believed = {
         model: BeliefHistory.watch(workshop(), tracks["contact"], model).probabilities[-1].round(5).tolist()
         for model in BELIEFS

@@ -123,13 +123,48 @@ def coupled(
     _say_written(out, "coupled.png")
 
 
-def _numbers(objects: int | None) -> tuple[int, ...]:
-    if objects not in (None, 6, 9, 12):
-        raise typer.BadParameter(f"{objects}; valid: 6, 9, 12", param_hint="--objects")
-    return (6, 9, 12) if objects is None else (objects,)
+@app.command("spread")
+def spread(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-spread"),
+    objects: Annotated[
+        list[int] | None, typer.Option(help="6, 9 or 12; may be given several times.", show_default="all three")
+    ] = None,
+    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    spread: Annotated[str, typer.Option(help="Checkpoint that says how surely.")] = "spread",
+    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    workers: Workers = CORES,
+) -> None:
+    """Compare how far off predictions of test scenes may be, as stated, with how far off they are.
+
+    Examples:
+
+    `pushgraph evaluate spread --objects 6 --objects 9 --count 200 --out result`
+
+    `pushgraph evaluate spread --count 120 --spread my.safetensors`
+    """
+    from pushgraph.evaluation.figures import save_coverage
+    from pushgraph.evaluation.spread import evaluate_spread
+
+    models = {"contact": contact, "spread": spread, "belief": belief}
+    results, scenes = _measure(evaluate_spread, objects, count, seed, models, workers)
+    results.save(out / "results.json")
+    save_coverage(scenes, out / "coverage.png")
+    for number in _numbers(objects):
+        console.print(_spread_table(results, number))
+    _say_written(out, "coverage.png")
 
 
-def _measure(suite, objects: int | None, count: int, seed: int, models: dict[str, str], workers: int):
+def _numbers(objects: int | list[int] | None) -> tuple[int, ...]:
+    chosen = (objects,) if isinstance(objects, int) else tuple(dict.fromkeys(objects or (6, 9, 12)))
+    for number in chosen:
+        if number not in (6, 9, 12):
+            raise typer.BadParameter(f"{number}; valid: 6, 9, 12", param_hint="--objects")
+    return chosen
+
+
+def _measure(suite, objects: int | list[int] | None, count: int, seed: int, models: dict[str, str], workers: int):
     """Run a suite behind a progress bar."""
     numbers = _numbers(objects)
     with Progress(*BAR, console=console) as progress:
@@ -184,6 +219,33 @@ def _belief_table(results, objects: int) -> Table:
         for *_, model in some:
             numbers = [values.get((frames, noise, model, metric, pairs)) for metric, pairs in wanted]
             table.add_row(str(frames), noise, model, *("-" if v is None else f"{v:.3f}" for v in numbers))
+    return table
+
+
+def _spread_table(results, objects: int) -> Table:
+    title = f"Bodies that moved, {objects} objects (95 % interval over scenes in results.json)"
+    table = Table(title=title, pad_edge=False)
+    columns = ("joints", "masses", "frames", "68 %", "95 %", "rank", "yaw 68 %", "95 %", "rank")
+    for name in columns:
+        table.add_column(name, justify="left" if name in ("joints", "masses") else "right")
+    table.caption = "rank: correlation of spread and error"
+    names = ("coverage_68", "coverage_95", "spread_correlation")
+    metrics = (*names, *(f"yaw_{name}" for name in names))
+    label_names = ("joints", "observed_frames", "masses", "frames")
+    values = {
+        (*(row[name] for name in label_names), row["metric"]): row["value"]
+        for row in results.rows
+        if (row["objects"], row["bodies"], row["density"]) == (objects, "moved", "all")
+    }
+    order = dict.fromkeys(key[:-1] for key in values)
+    for condition, some in itertools.groupby(order, key=lambda key: key[:3]):
+        table.add_section()
+        joints, observed, masses = condition
+        for key in some:
+            numbers = [values[*key, metric] for metric in metrics]
+            told = f"believed, {observed}" if joints == "believed" else joints
+            cells = ("-" if v is None else f"{v:.3f}" for v in numbers)
+            table.add_row(told, masses, str(key[3]), *cells)
     return table
 
 

@@ -13,6 +13,8 @@ from pushgraph.errors import SceneError
 
 SHOWN, LEAST_ROWS = 0.05, 3
 """The table of beliefs shows pairs that are joined with at least this probability, and at least so many."""
+SPREAD_COLUMNS = ("± (cm)", "± (deg)")
+SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
@@ -34,7 +36,7 @@ def demo(
 
     scene, predictor = load_scene("demo"), PhysicsPredictor.load()
     with console.status("Predicting"):
-        predicted = predictor.predict(scene)
+        predicted = predictor.predict(scene, spread=True)
     with console.status("Simulating"):
         simulated = simulate(scene)
     with console.status("Watching"):
@@ -82,6 +84,8 @@ def predict(
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
 
+    How far off each body may be is stated, too: with `--beliefs`, as far as they are doubtful.
+
     Examples:
 
     `pushgraph predict scene.json --out result`
@@ -106,14 +110,18 @@ def predict(
     given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
-    if relations == "believed":
-        given = BeliefHistory.load(beliefs).apply_to(given)
+    probabilities = None
+    if beliefs is not None:
+        history = BeliefHistory.load(beliefs)
+        given = history.apply_to(given)
+        probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
     _warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
-        track = predictor.predict(given)
+        spread = predictor.states_spread
+        track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
     _write_track(track, out or Path(Path(scene).stem), animation)
 
 
@@ -232,24 +240,41 @@ def load_scene(source: str):
 
 def _final_poses(track) -> Table:
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
-    for name in ("body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"):
+    columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
+    stated = _stated_at_the_end(track)
+    if track.spread is not None:
+        columns += SPREAD_COLUMNS
+        table.caption = SPREAD_CAPTION
+    for name in columns:
         table.add_column(name, justify="left" if name == "body" else "right")
     change = track.poses[-1] - track.poses[0]
     for node, name in enumerate(track.nodes[1:], start=1):
         x, y, yaw = track.poses[-1, node]
         moved, turned = np.hypot(*change[node, :2]) * 100, np.degrees(change[node, 2])
-        table.add_row(name, f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
+        cells = (f"{x:.4f}", f"{y:.4f}", f"{np.degrees(yaw):.1f}", f"{moved:.1f}", f"{turned:.1f}")
+        table.add_row(name, *cells, *stated[node - 1])
     return table
+
+
+def _stated_at_the_end(track) -> list[list[str]]:
+    """For every body the longer half-axis of its 68 % ellipse and half its 68 % interval; nothing if none is stated."""
+    if track.spread is None:
+        return [[] for _ in track.scene.bodies]
+    final = track.spread.take(-1)
+    ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
+    longest = 100 * np.maximum(ellipse.along, ellipse.across)
+    return [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
 
 
 def _differences(predicted, simulated) -> Table:
     table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
-    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)"):
+    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)", *SPREAD_COLUMNS):
         table.add_column(name, justify="left" if name == "body" else "right")
     change = simulated.poses[-1] - simulated.poses[0]
-    off = predicted.poses[-1] - simulated.poses[-1]
+    off, stated = predicted.poses[-1] - simulated.poses[-1], _stated_at_the_end(predicted)
     for node, name in enumerate(simulated.nodes[1:], start=1):
         lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
         angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
-        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1])
+        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1], *stated[node - 1])
+    table.caption = SPREAD_CAPTION
     return table

@@ -126,6 +126,47 @@ def belief(
     _conduct(training, train_belief, processes, device, cache, out, _BELIEF_COLUMNS)
 
 
+@app.command("spread")
+def spread(
+    data: _Data,
+    validation: _Validation,
+    out: _Out,
+    samples: Annotated[int, typer.Option(min=1, help="Predicted frames of rollouts, all in all.")] = 8_000_000,
+    rollouts: Annotated[int, typer.Option(min=1, help="Made once, and drawn from again and again.")] = 12_800,
+    frames: Annotated[int, typer.Option(min=2, help="Frames of a rollout; of a tenth of them, 300.")] = 64,
+    batch: Annotated[int, typer.Option(min=1, help="Rollouts in a step, over all processes.")] = 32,
+    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 3e-3,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 32,
+    seed: _Seed = 0,
+    start_from: _StartFrom = None,
+    processes: _Processes = CORES,
+    device: _Device = "cpu",
+    cache: _Cache = None,
+) -> None:
+    """Train what says how far off predictions may be, on rollouts of the shipped physics and belief weights.
+
+    Example:
+
+    `pushgraph train spread --data planar.h5 --validation validation.h5 --out spread.safetensors`
+    """
+    from pushgraph.training.spread import SpreadTraining, train_spread
+
+    training = SpreadTraining(
+        model="spread",
+        data=str(data),
+        validation=str(validation),
+        samples=samples,
+        rollouts=rollouts,
+        frames=frames,
+        batch=batch,
+        learning_rate=learning_rate,
+        hidden=hidden,
+        seed=seed,
+        start_from=None if start_from is None else str(start_from),
+    )
+    _conduct(training, train_spread, processes, device, cache, out, _SPREAD_COLUMNS)
+
+
 _PHYSICS_COLUMNS = {
     "bounded error (cm)": "bounded_error_cm",
     "mean error (cm)": "mean_error_cm",
@@ -138,6 +179,13 @@ _BELIEF_COLUMNS = {
     "at 200": "error_touched_200",
     "at 40, noise": "error_touched_40_noisy",
     "at 200, noise": "error_touched_200_noisy",
+}
+_SPREAD_COLUMNS = {
+    "loss": "loss_of_bodies",
+    "within 68 %": "coverage_68",
+    "95 %": "coverage_95",
+    "yaw within 68 %": "yaw_coverage_68",
+    "95 % of yaw": "yaw_coverage_95",
 }
 """What a validation tells, by the names of its columns; belief's errors are shares of touched pairs."""
 

@@ -13,6 +13,7 @@ from pushgraph.evaluation.belief import INFORMED, NOISES, OBSERVED, SceneAnswers
 from pushgraph.evaluation.coupled import MODELS, STARTS, CoupledErrors, mean_and_standard_error
 from pushgraph.evaluation.metrics import reliability
 from pushgraph.evaluation.physics import HISTOGRAM, SceneErrors, histogram
+from pushgraph.evaluation.spread import CONDITIONS, SceneSpread, levels
 from pushgraph.storage import replacing
 
 COLOURS = {
@@ -23,6 +24,9 @@ COLOURS = {
 }
 JOINT_COLOURS = {"none": "#2060c0", "fixed": "#c04040", "prismatic": "#40a060", "revolute": "#d08000"}
 LINES = {"belief": "-", "paper_recipe": "--", INFORMED: ":"}
+SPREAD_COLOURS = dict(
+    zip(CONDITIONS, ("#202020", "#c04040", "#d08000", "#40a060", "#2060c0", "#8060c0"), strict=True)
+)
 RELIABLE_AT = (40, 200)
 """Observed frames of the reliability diagram."""
 
@@ -112,6 +116,33 @@ def save_coupled_curves(scenes: Sequence[CoupledErrors], path: str | os.PathLike
         axes.grid(alpha=0.3)
     handles, names = row[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
+    _save(figure, path)
+
+
+def save_coverage(scenes: Sequence[SceneSpread], path: str | os.PathLike) -> None:
+    """How often the truth lies within regions of any stated probability, after 50 frames, of bodies that moved."""
+    numbers = sorted({scene.objects for scene in scenes})
+    figure = Figure(figsize=(4.5 * len(numbers), 8.4), layout="constrained")
+    grid = figure.subplots(2, len(numbers), squeeze=False, sharex=True, sharey=True)
+    probability = np.linspace(0, 1, 101)
+    handles = {}
+    for panels, name in zip(grid, ("level", "yaw_level"), strict=True):
+        for axes, number in zip(panels, numbers, strict=True):
+            axes.plot((0, 1), (0, 1), color="#bbbbbb", linewidth=1)
+            for condition in CONDITIONS:
+                chosen = [scene for scene in scenes if scene.objects == number]
+                found = np.sort(levels(chosen, condition, 50, name))
+                if not len(found):
+                    continue
+                label = f"joints {condition.joints}"
+                label += f" after {condition.observed_frames} frames" if condition.joints == "believed" else ""
+                label += "" if condition.masses == "known" else ", masses unknown"
+                held = np.searchsorted(found, probability) / len(found)
+                (handles[label],) = axes.plot(probability, held, color=SPREAD_COLOURS[condition])
+            what = "position" if name == "level" else "yaw"
+            axes.set(title=f"{what}, {number} objects", xlabel="stated probability", ylabel="share within")
+            axes.grid(alpha=0.3)
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     _save(figure, path)
 
 

@@ -41,6 +41,13 @@ def _max(values: np.ndarray, scene: np.ndarray, weights: np.ndarray) -> np.ndarr
 _STATISTICS = {"mean": _mean, "median": _median, "max": _max}
 
 
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks as shares of the number of values; equal values share the mean of theirs."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    upto = count.cumsum()
+    return ((upto - (count - 1) / 2) / max(len(values), 1))[place]
+
+
 @cache
 def _resamples(scenes: int) -> Int[np.ndarray, "resamples scenes"]:
     """How often each scene is in each resample."""
@@ -91,6 +98,28 @@ class Results:
             return np.abs(weights @ gaps).sum(1) / (weights @ np.bincount(scene))
 
         self._add(model, "ece", "1", scene, error, labels)
+
+    def add_rank_correlation(
+        self,
+        model: str,
+        metric: str,
+        first: Float[np.ndarray, " values"],
+        second: Float[np.ndarray, " values"],
+        scene: Int[np.ndarray, " values"],
+        **labels: Any,
+    ) -> None:
+        """Add Spearman's rank correlation of two values, ranked once among all; see `add`."""
+        x, y = (_ranks(values) for values in (first, second))
+
+        def correlation(scene: np.ndarray, weights: np.ndarray) -> np.ndarray:
+            count = weights @ np.bincount(scene)
+            mean_x, mean_y, xx, yy, xy = (
+                weights @ np.bincount(scene, values) / count for values in (x, y, x * x, y * y, x * y)
+            )
+            variances = (xx - mean_x**2) * (yy - mean_y**2)
+            return (xy - mean_x * mean_y) / np.sqrt(np.maximum(variances, 1e-12))
+
+        self._add(model, metric, "1", scene, correlation, labels)
 
     def _add(
         self,

@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -21,13 +22,16 @@ from pushgraph.training.running import Progress, RunningCheckpoint
 
 def conduct(
     training: Training,
-    make_task: Callable[[Training, Processes, torch.device], Task],
+    make_task: Callable[[Any, Processes, torch.device], Task],
     cache: Path,
     out: Path,
     device: str,
     tell: Callable[[Progress, float], None],
+    finish: Callable[[Any, Any], None] = lambda network, task: None,
 ) -> Progress | None:
     """Train a network and write its checkpoint to `out`; the same call goes on after a kill.
+
+    finish: what is left to do, with the weights that were kept and the leading process's task.
 
     Under torchrun every process calls this; all but the leading one return None.
     """
@@ -49,6 +53,7 @@ def conduct(
         processes.leave()
         if not processes.leads:
             return None
+        finish(network, task)
         record = {
             "training": training.without_folders() | {"processes": processes.count},
             "data": task.data_recipe,

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.patches import Polygon as Outline
 from matplotlib.transforms import Affine2D
 
@@ -19,6 +19,7 @@ from pushgraph.track import Track
 
 PALETTE = matplotlib.colormaps["tab10"].colors
 TOOL_COLOUR = "#333333"
+SPREAD_COLOUR = "#c02080"
 JOINT_MARKS = {
     "fixed": {"marker": "s", "color": "black"},
     "revolute": {"marker": "o", "color": "white"},
@@ -114,6 +115,17 @@ def draw_outlines(axes: Axes, track: Track) -> None:
     for body, pose_world_from_body in zip(track.scene.bodies, track.poses[-1, 1:], strict=True):
         patch = _Movable(axes, outline(body.shape, fc="none", ls="--", lw=1.2, zorder=4))
         patch.move(pose_world_from_body)
+
+
+def draw_spread(axes: Axes, track: Track) -> None:
+    """Ellipses that hold the true centres of bodies at a track's end with 68 and 95 %; none if it states no spread."""
+    if track.spread is None:
+        return
+    for probability, line in ((0.68, "-"), (0.95, "--")):
+        final = track.spread.take(-1).ellipse(probability)
+        for (x, y, _), direction, along, across in zip(track.poses[-1, 1:], *final, strict=True):
+            style = {"fc": "none", "ec": SPREAD_COLOUR, "lw": 1.0, "ls": line, "zorder": 8}
+            axes.add_patch(Ellipse((x, y), 2 * along, 2 * across, angle=np.degrees(direction), **style))
 
 
 def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, float, float, float]:

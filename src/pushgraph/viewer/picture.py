@@ -10,7 +10,17 @@ from matplotlib.lines import Line2D
 
 from pushgraph.storage import replacing
 from pushgraph.track import Track
-from pushgraph.viewer.drawing import JOINT_MARKS, PALETTE, TOOL_COLOUR, SceneArtist, draw_outlines, prepare, view_limits
+from pushgraph.viewer.drawing import (
+    JOINT_MARKS,
+    PALETTE,
+    SPREAD_COLOUR,
+    TOOL_COLOUR,
+    SceneArtist,
+    draw_outlines,
+    draw_spread,
+    prepare,
+    view_limits,
+)
 
 
 def save_picture(track: Track, path: str | os.PathLike) -> None:
@@ -25,11 +35,14 @@ def save_picture(track: Track, path: str | os.PathLike) -> None:
     _draw_pushes(before, track)
     _draw_paths(after, track)
     SceneArtist(after, track.scene).move(track.poses[-1], down=True)
+    draw_spread(after, track)
     handles = [Line2D([], [], ls="-", color=TOOL_COLOUR, marker=">", label="push of the tool")]
     kinds = sorted({joint.kind for joint in track.scene.joints})
     handles += [
         Line2D([], [], ls="", markeredgecolor="black", label=f"{kind} joint", **JOINT_MARKS[kind]) for kind in kinds
     ]
+    if track.spread is not None:
+        handles.append(Line2D([], [], color=SPREAD_COLOUR, lw=1, label="true centres, with 68 and 95 %"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)
@@ -38,7 +51,8 @@ def save_picture(track: Track, path: str | os.PathLike) -> None:
 def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> None:
     """Write a picture of several tracks of one scene, by title: the start with the pushes, then how each ended.
 
-    In the later pictures dashed outlines show how the first track ended.
+    In the later pictures dashed outlines show how the first track ended. Ellipses show where true centres are with 68
+    and 95 %, as far as a track states that.
     """
     figure = Figure(figsize=(5.5 * (1 + len(tracks)), 6), layout="constrained")
     before, *after = figure.subplots(1, 1 + len(tracks))
@@ -51,6 +65,7 @@ def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> Non
         prepare(axes, limits, f"{title}, after {track.times[-1] - track.times[0]:.1f} s")
         _draw_paths(axes, track)
         SceneArtist(axes, track.scene).move(track.poses[-1], down=True)
+        draw_spread(axes, track)
         if track is not first:
             draw_outlines(axes, first)
     with replacing(path) as temporary:

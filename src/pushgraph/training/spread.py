@@ -1,0 +1,220 @@
+"""Training of spreads: how far off predictions are, learnt from rollouts of the shipped physics weights."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, NamedTuple, cast
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pushgraph.belief import BeliefModel
+from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.errors import TrainingError
+from pushgraph.graph.track_features import TrackFeatures, track_features
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales, SpreadNetwork
+from pushgraph.scene_range import range_of
+from pushgraph.spread_model import spread_at_knots
+from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.processes import Processes
+from pushgraph.training.recipe import Training
+from pushgraph.training.rollouts import Predicted, RolloutMaker, predicted_as_believed, predicted_as_known
+from pushgraph.training.running import Progress
+
+MOVED, SELDOM = 1e-3, 0.03
+"""Bodies that have moved less than this (m), truly and as predicted, weigh so much."""
+MOVED_FAR = 0.01
+"""Bodies that have moved more than this (m) count in the validation's coverage."""
+VALIDATION_FRAMES, VALIDATION_WATCH = 51, 20
+CALIBRATED, MISSES = (0.68, 0.95), 2.0
+"""Bounds that are fitted by themselves beside the density, and their weight."""
+TINY = 1e-30
+"""Keeps logarithms finite where there is no error at all; any larger one shall draw its scale."""
+
+
+@dataclass(frozen=True)
+class SpreadTraining(Training):
+    """What decides a training of spreads. A sample is one predicted frame of one rollout.
+
+    rollouts: made once and kept in memory, then drawn from again and again.
+    """
+
+    TASK: ClassVar[str] = "spread"
+    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = SPREADS
+    VALIDATIONS: ClassVar[int] = 12
+
+    samples: int = 8_000_000
+    frames: int = 64
+    batch: int = 32
+    learning_rate: float = 3e-3
+    hidden: int = 32
+    rollouts: int = 12_800
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rollouts < self.batch:
+            raise TrainingError(f"rollouts: must be a batch at least, {self.batch}; got {self.rollouts}")
+
+
+def features_of(example: Predicted) -> TrackFeatures:
+    """Features of rollouts."""
+    return track_features(
+        example.scenes,
+        example.relations,
+        example.poses,
+        example.tool,
+        example.down,
+        example.doubt,
+        example.first_motion,
+    )
+
+
+class ScaledErrors(NamedTuple):
+    """Errors in scales. square: of the position's. turn: the yaw's, without its sign."""
+
+    square: Float[Tensor, "*batch bodies"]
+    turn: Float[Tensor, "*batch bodies"]
+
+    @classmethod
+    def of(
+        cls, scales: Scales, direction: Float[Tensor, "*batch bodies"], error: Float[Tensor, "*batch bodies 3"]
+    ) -> "ScaledErrors":
+        """Errors (m, m, rad; world axes) in the scales that are stated."""
+        cos, sin = direction.cos(), direction.sin()
+        x, y, yaw = error.unbind(-1)
+        along, across = (cos * x + sin * y) / scales.along, (cos * y - sin * x) / scales.across
+        return cls(along**2 + across**2, yaw.abs() / scales.yaw)
+
+
+def surprise(scales: Scales, errors: ScaledErrors) -> Float[Tensor, "*batch bodies"]:
+    """Negative logarithm of the density of errors (`pushgraph.spread`), beyond that of none in the least scales."""
+    size = (scales.along / LEAST).log() + (scales.across / LEAST).log() + (scales.yaw / LEAST_YAW).log()
+    position = (scales.degrees / 2 + 1) * (errors.square / scales.degrees).log1p()
+    turn = (scales.yaw_degrees + 1) * (errors.turn / scales.yaw_degrees).log1p()
+    return size + position + turn
+
+
+def misses(scales: Scales, errors: ScaledErrors) -> Float[Tensor, "*batch bodies"]:
+    """How far errors are beyond or within their bounds of 68 and 95 %, in logarithms.
+
+    Least where just so many are within, whatever the true distribution: it may be one of two ways to go. This is the
+    pinball loss of quantile regression (Koenker and Bassett 1978).
+    """
+    total = torch.zeros_like(errors.square)
+    for probability in CALIBRATED:
+        for size, bound in (
+            (errors.square.clamp(min=TINY).log() / 2, _radius(scales.degrees, probability).log()),
+            (errors.turn.clamp(min=TINY).log(), _turn(scales.yaw_degrees, probability).log()),
+        ):
+            beyond = size - bound
+            total = total + torch.where(beyond > 0, probability, probability - 1) * beyond
+    return total
+
+
+def _radius(degrees: Tensor, probability: float) -> Tensor:
+    return (degrees * ((1 - probability) ** (-2 / degrees) - 1)).sqrt()
+
+
+def _turn(degrees: Tensor, probability: float) -> Tensor:
+    return degrees * ((1 - probability) ** (-1 / degrees) - 1)
+
+
+class SpreadTask:
+    """Surprise at the errors of rollouts, and how bounds are missed; validation with joints given and believed."""
+
+    numbers = ("loss_of_bodies", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
+
+    def __init__(self, training: SpreadTraining, processes: Processes, device: torch.device) -> None:
+        self._training, self._device = training, device
+        data, validation = open_dataset(training.data), open_dataset(training.validation)
+        self.range = range_of(data.scene(k) for k in range(len(data)))
+        self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
+        below = load_checkpoint(shipped(SpreadNetwork.PHYSICS))
+        self.physics = below.hash
+        dynamics = cast(Dynamics, below.network.requires_grad_(False))
+        belief = BeliefModel.load()
+        share = max(1, training.batch // processes.count)
+        seed = training.seed * 1000 + processes.rank
+        maker = RolloutMaker(data, dynamics, belief, training.rollouts // processes.count, share, seed)
+        self._batches = len(maker)
+        self._batch = functools.cache(lambda number: maker(number, training.frames))
+        self._seed = seed
+        tracks = [validation[k] for k in range(processes.rank, len(validation), processes.count)]
+        self.validation = (
+            predicted_as_known(tracks, [0] * len(tracks), VALIDATION_FRAMES, dynamics),
+            predicted_as_believed(tracks, VALIDATION_WATCH, VALIDATION_FRAMES, dynamics, belief),
+        )
+
+    def loss(self, network: nn.Module, step: int) -> Tensor:
+        """Mean loss of the bodies in the step's batch."""
+        epoch, place = divmod(step, self._batches)
+        generator = torch.Generator().manual_seed(hash((self._seed, epoch, 5)) % 2**63)
+        number = int(torch.randperm(self._batches, generator=generator)[place])
+        example = self._batch(number)
+        features = features_of(example)
+        weight, value = _weighed(network, example, features)
+        return (weight * value).sum() / weight.sum().clamp(min=1)
+
+    def validate(self, network: nn.Module) -> Tensor:
+        """Sums over validation rollouts of `numbers`, and what to divide them by."""
+        sums = torch.zeros(len(self.numbers) + 1)
+        for example in self.validation:
+            features = features_of(example)
+            weight, value = _weighed(network, example, features)
+            spread, knots = spread_at_knots(network(features), features), features.knots
+            error = (example.true - example.poses)[:, knots]
+            moved = _moved(example, features, MOVED_FAR) & example.counts[:, knots, None]
+            levels = spread.position_level(error[..., :2]), spread.yaw_level(error[..., 2])
+            covered = [(level[moved] < p).float().mean() for level in levels for p in (0.68, 0.95)]
+            sums += torch.stack(((weight * value).sum() / weight.sum().clamp(min=1), *covered, torch.ones(())))
+        return sums
+
+
+def _weighed(network: nn.Module, example: Predicted, features: TrackFeatures) -> tuple[Tensor, Tensor]:
+    """Weights of bodies in frames, and the loss of each."""
+    knots = features.knots
+    error = (example.true - example.poses)[:, knots]
+    scales = network(features)
+    errors = ScaledErrors.of(scales, features.direction, error)
+    value = surprise(scales, errors) + MISSES * misses(scales, errors)
+    there = example.counts[:, knots, None] & example.scenes.present[:, None] & ~example.scenes.immovable[:, None]
+    moved = _moved(example, features, MOVED)
+    return there * torch.where(moved, 1.0, SELDOM), value
+
+
+def _moved(example: Predicted, features: TrackFeatures, distance: float) -> Tensor:
+    """Bodies that are so far from where they started, truly or as predicted."""
+    gone = [(poses[:, features.knots] - poses[:, :1])[..., :2].norm(dim=-1) for poses in (example.poses, example.true)]
+    return (gone[0] > distance) | (gone[1] > distance)
+
+
+@torch.no_grad()
+def calibrate(network: SpreadNetwork, task: SpreadTask) -> None:
+    """Widen the scales of positions, and those of yaws, so that 68 % of the validation's errors are within 68 %."""
+    needed: list[tuple[Tensor, Tensor]] = []
+    for example in task.validation:
+        features = features_of(example)
+        scales = network(features)
+        errors = ScaledErrors.of(scales, features.direction, (example.true - example.poses)[:, features.knots])
+        moved = _moved(example, features, MOVED_FAR) & example.counts[:, features.knots, None]
+        position = errors.square.sqrt() / _radius(scales.degrees, CALIBRATED[0])
+        turn = errors.turn / _turn(scales.yaw_degrees, CALIBRATED[0])
+        needed.append((position[moved], turn[moved]))
+    network.widening.copy_(
+        torch.stack([torch.cat(some).quantile(CALIBRATED[0]) for some in zip(*needed, strict=True)])
+    )
+
+
+def train_spread(
+    training: SpreadTraining,
+    cache: Path,
+    out: Path,
+    device: str = "cpu",
+    tell: Callable[[Progress, float], None] = lambda now, loss: None,
+) -> Progress | None:
+    """Train a network that states spreads; see `conduct`."""
+    return conduct(training, SpreadTask, cache, out, device, tell, calibrate)
