@@ -10,6 +10,7 @@ from pushgraph import pose
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.joint_fit import FIRST_COUNT, MEASURED, JointFits, RelativeMotion
 from pushgraph.graph.scene_batch import Relations
+from pushgraph.graph.watching import CameraNoise
 
 ANCHOR_A, ANCHOR_B, OFFSET = (0.05, 0.01), (-0.06, 0.02), 0.4
 
@@ -112,3 +113,23 @@ def test_the_anchor_is_as_uncertain_as_the_fit_says() -> None:
         errors.append(found - pivot)
         spreads.append(float(hinge.spread))
     assert 0.7 < np.std(errors) / np.mean(spreads) < 1.3
+
+
+def test_the_camera_s_noise_is_found_from_what_rests() -> None:
+    rng = np.random.default_rng(1)
+    size = np.array([0.001, 0.001, 0.009])
+    places = torch.tensor(rng.uniform(-1, 1, (2, 5, 3)))
+    yaw_known = torch.tensor([[True, True, True, True, False]] * 2)
+    noise = CameraNoise(*[torch.zeros(2, 2, dtype=torch.float64)] * 2)
+    assert noise.spread.tolist() == [[0, 0], [0, 0]]
+    mean, rested = places + torch.tensor(rng.normal(size=(2, 5, 3)) * size), torch.ones(2, 5, dtype=torch.float64)
+    for _ in range(200):
+        seen = places + torch.tensor(rng.normal(size=(2, 5, 3)) * size)
+        seen[0, 1] += 0.3  # moves: it does not rest
+        seen[:, 4, 2] += 1.0  # turns, as far as one can see
+        rests = rested * torch.tensor([[1, 0, 1, 1, 1], [1, 1, 1, 1, 1]])
+        noise = noise.observe(seen - mean, rests, yaw_known)
+        rested = rested + 1
+        mean = mean + (seen - mean) / rested[..., None]
+        mean[0, 1] = places[0, 1]
+    np.testing.assert_allclose(noise.spread.numpy(), [[0.001, 0.009]] * 2, rtol=0.08)
