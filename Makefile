@@ -64,8 +64,10 @@ weights-propnet: data
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors
-	$(BELIEF) $(JOINTED) --frames 100 --samples 1800000 --learning-rate 1.5e-3 --seed 1 \
-	  --start-from $(CACHE)/belief-1.safetensors --out $(WEIGHTS)/belief.safetensors
+	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 1.5e-3 --seed 1 \
+	  --start-from $(CACHE)/belief-1.safetensors --out $(CACHE)/belief-2.safetensors
+	$(BELIEF) $(JOINTED) --frames 100 --samples 2000000 --learning-rate 2e-3 --seed 2 \
+	  --start-from $(CACHE)/belief-2.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

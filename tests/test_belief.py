@@ -253,7 +253,7 @@ def test_believed_joints_sit_where_a_scene_puts_them() -> None:
     )
     given = batch_scenes([scene])
     state = start(unaware(given), torch.tensor(scene.poses_world_from_body[None]))
-    believed = believe(state, given.relations.kind).relations
+    believed = believe(state, given.relations.kind, JointFits.begin(state.relations.known)).relations
     joined = given.relations.kind > 0
     for name in ("kind", "known", "anchor_a", "anchor_b", "yaw_offset", "limits"):
         torch.testing.assert_close(
@@ -306,7 +306,8 @@ def triangle() -> Scene:
 def test_a_believed_cycle_of_joints_is_predicted_without_tearing(kinds) -> None:
     scene = triangle()
     state = start(unaware(batch_scenes([scene])), torch.tensor(scene.poses_world_from_body[None]))
-    state = believe(state, torch.tensor([[JOINT_CODES[kind] for kind in kinds]]))
+    kind = torch.tensor([[JOINT_CODES[kind] for kind in kinds]])
+    state = believe(state, kind, JointFits.begin(state.relations.known))
     track = PhysicsPredictor.load().predict(scene)
     tool, down = torch.from_numpy(track.poses[None, :, 0]), torch.from_numpy(track.down[None])
     poses = PhysicsPredictor.load().rollout(state, tool, down).poses[0]

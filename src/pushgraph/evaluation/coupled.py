@@ -14,6 +14,7 @@ from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
 from pushgraph.graph.believed import believe
+from pushgraph.graph.joint_fit import JointFits
 from pushgraph.graph.joint_truth import adjacent_pairs, rigid_pairs, touched_pairs, unaware
 from pushgraph.graph.scene_batch import (
     JOINT_CODES,
@@ -121,7 +122,8 @@ def all_fixed(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], gap: f
     blank = hide_relations(scenes, ~rigid_pairs(scenes.group))
     near = remember(blank, blank.relations, poses, gap)
     fixed = torch.full_like(near.kind, JOINT_CODES["fixed"])
-    return believe(State(blank, poses, torch.zeros_like(poses), near), fixed).relations
+    unmoved = JointFits.begin(near.known)
+    return believe(State(blank, poses, torch.zeros_like(poses), near), fixed, unmoved).relations
 
 
 @torch.no_grad()

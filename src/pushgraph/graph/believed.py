@@ -63,16 +63,16 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
     )
 
 
-def believe(state: State, kind: Int[Tensor, "batch pairs"], fits: JointFits | None = None) -> State:
+def believe(state: State, kind: Int[Tensor, "batch pairs"], fits: JointFits) -> State:
     """The state with every unknown pair joined as `kind` says, where the memory has it; all pairs count as known then.
 
     Joints sit where `joint_places` has them, and may move as far as those of a scene that says no more, or as far as
-    they have moved. fits: to what was seen; nothing by default.
+    they have moved. fits: to what was seen.
     """
     relations = state.relations
     unknown = relations.remembered & ~relations.known
     kind = torch.where(unknown, kind, relations.kind)
-    places = joint_places(state, JointFits.begin(unknown) if fits is None else fits)
+    places = joint_places(state, fits)
     revolute, prismatic = kind == JOINT_CODES["revolute"], kind == JOINT_CODES["prismatic"]
 
     centres = _centres(state)

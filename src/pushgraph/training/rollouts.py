@@ -124,7 +124,7 @@ def predicted_as_believed(
     scenes = batch_scenes([track.scene for track in tracks])
     watched = _watched(belief, unaware(scenes), _stretches(tracks, [0] * len(tracks), first + 1, scenes.mass.shape[1]))
     probabilities = belief.probabilities(watched)
-    relations = believe(watched.view.state, probabilities.argmax(-1)).relations
+    relations = believe(watched.view.state, probabilities.argmax(-1), watched.view.fits).relations
     if rng is not None:
         scenes = withhold_values(scenes, rng)
     seen = _stretches(tracks, [first] * len(tracks), frames, scenes.mass.shape[1])
