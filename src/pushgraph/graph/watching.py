@@ -148,7 +148,9 @@ def look(
     untouched = view.untouched & (rests | ~seen)
     first = torch.where((view.ever_seen & ~untouched)[..., None], view.first, poses)
 
-    before = view.state._replace(relations=_settled(view.state.relations, poses, _both(untouched)))
+    before = view.state
+    if (away != 0)[rests].any():
+        before = before._replace(relations=_settled(before.relations, poses, _both(untouched)))
     after = before.observe(poses)
     after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
     in_sight = _both(seen)

@@ -79,8 +79,9 @@ def arrays_of(state: State, control: Control) -> Scenes:
 def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the links of each body of each scene begin, their other ends, and up to which gap they hold (m)."""
     global _last_links
-    known, links = _last_links  # at once: other threads may come in between
-    if known is relations:
+    key = relations.kind, relations.known, relations.remembered
+    last, links = _last_links  # at once: other threads may come in between
+    if all(one is other for one, other in zip(key, last, strict=True)):
         return links
     may_slide = relations.remembered & ~relations.known
     scene, pair = ((relations.kind > 0) | may_slide).nonzero(as_tuple=True)
@@ -91,13 +92,16 @@ def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray,
     counts = row.bincount(minlength=len(relations.kind) * bodies)
     begin = torch.cat((counts.new_zeros(1), counts.cumsum(0)))
     links = as_array(begin), as_array(second[order]), as_array(keep[order])
-    _last_links = relations, links
+    _last_links = key, links
     return links
 
 
 _NOTHING = np.zeros(0, np.int64)
-_last_links: tuple[Relations | None, tuple[np.ndarray, np.ndarray, np.ndarray]] = (None, (_NOTHING,) * 3)
-"""Those of the last call: the relations of a rollout rarely change from step to step."""
+_last_links: tuple[tuple[Tensor | None, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] = (
+    (None, None, None),
+    (_NOTHING,) * 3,
+)
+"""Those of the last call: what is joined rarely changes from step to step."""
 
 
 def as_array(values: Tensor) -> np.ndarray:
