@@ -55,7 +55,7 @@ class BeliefHistory:
         frames = track.at_frames()
         regulator = BeliefRegulator(scene, model, given)
         probabilities = []
-        for frame, (poses, down) in enumerate(track.frames()):
+        for frame, (poses, down) in enumerate(frames.frames()):
             probabilities.append(regulator.observe(poses, down))
             progress(frame, regulator)
         believed = np.stack(probabilities)

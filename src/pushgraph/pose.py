@@ -32,6 +32,11 @@ def as_complex(vectors: Float[Tensor, "*batch 2"]) -> Complex[Tensor, "*batch"]:
     return torch.complex(*vectors.unbind(-1))
 
 
+def turning(angle: Float[Tensor, "*batch"]) -> Complex[Tensor, "*batch"]:
+    """The complex numbers that turn vectors by an angle (rad); see `as_complex`."""
+    return torch.polar(torch.ones_like(angle), angle)
+
+
 def compose(
     pose_a_from_b: Float[Array, "*#batch 3"], pose_b_from_c: Float[Array, "*#batch 3"]
 ) -> Float[Array, "... 3"]:

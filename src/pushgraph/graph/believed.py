@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
@@ -11,7 +11,7 @@ from pushgraph.contact import RoundedBox, signed_gap
 from pushgraph.graph.joint_fit import MEASURED, JointFits
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.state import State
-from pushgraph.pose import as_complex
+from pushgraph.pose import as_complex, turning
 from pushgraph.scene import SLIDE, SWING
 
 SIGNIFICANT = 2.0
@@ -45,7 +45,8 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
     hinge, slider = fits.hinge(), fits.slider(default)
 
     significant = (hinge.anchor_a + hinge.anchor_b).abs() / 2 > SIGNIFICANT * hinge.spread
-    moved = torch.stack((hinge.anchor_a, hinge.anchor_b * _turn(-relations.yaw_offset)), -1) * significant[..., None]
+    to_b = turning(-relations.yaw_offset.double())
+    moved = torch.stack((hinge.anchor_a, hinge.anchor_b * to_b), -1) * significant[..., None]
     anchors = torch.stack((relations.anchor_a, relations.anchor_b), -2) + torch.view_as_real(moved)
 
     axis = slider.axis
@@ -111,8 +112,3 @@ def _gap(state: State) -> Float[Tensor, "batch pairs"]:
     ends = pairs_of(state.poses.shape[1], state.poses.device)
     first, second = (RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in ends)
     return signed_gap(first, second, torch.cat((_centres(state), relations.yaw_offset[..., None]), -1)).clamp(min=0)
-
-
-def _turn(yaw: Float[Tensor, "batch pairs"]) -> Complex[Tensor, "batch pairs"]:
-    yaw = yaw.double()
-    return torch.polar(torch.ones_like(yaw), yaw)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import Relations, pairs_of
-from pushgraph.pose import as_complex
+from pushgraph.pose import as_complex, turning
 
 FIRST_COUNT = 4.0
 """The place where the memory began counts as so many frames: it is the mean of what was seen before contact."""
@@ -30,6 +30,8 @@ ANCHOR_SPREAD = 0.05
 AXIS_PULL = 0.002
 """Sliders are taken to slide along the line of centres until the drift has spread by about this much (m)."""
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
+CONSTANTS = {"first_count": FIRST_COUNT, "measured": MEASURED, "anchor_spread": ANCHOR_SPREAD, "axis_pull": AXIS_PULL}
+"""What features made of fits depend on."""
 
 
 class RelativeMotion(NamedTuple):
@@ -45,11 +47,11 @@ class RelativeMotion(NamedTuple):
         a, b = pairs_of(poses.shape[1], poses.device)
         poses = poses.double()
         position, yaw = as_complex(poses[..., :2]), poses[..., 2]
-        turned_a = _turn(-yaw[:, a])
-        turned = _turn(yaw[:, b]) * turned_a
+        turned_a = turning(-yaw[:, a])
+        turned = turning(yaw[:, b]) * turned_a
         apart = (position[:, b] - position[:, a]) * turned_a
         drift = apart + turned * as_complex(relations.anchor_b.double()) - as_complex(relations.anchor_a.double())
-        turn = turned * _turn(-relations.yaw_offset.double())
+        turn = turned * turning(-relations.yaw_offset.double())
         return cls(drift, turn, turn.angle())
 
 
@@ -167,6 +169,7 @@ class JointFits(NamedTuple):
         along, across = ((size + sign * elongation).clamp(min=0).div(2).sqrt() for sign in (1, -1))
         return SliderFit(centre, axis, along, across)
 
+    @property
     def turn_range(self) -> Float[Tensor, "batch pairs"]:
         """How far the pair has turned to and fro, at LEVER (m)."""
         return (self.highest_turn - self.lowest_turn) * LEVER
@@ -174,9 +177,4 @@ class JointFits(NamedTuple):
 
 def _axis(scatter: Complex[Tensor, "batch pairs"]) -> Complex[Tensor, "batch pairs"]:
     """Unit vector of the greater principal axis of a scatter, given as its sum of squares."""
-    return _turn(scatter.angle() / 2)
-
-
-def _turn(yaw: Tensor) -> Tensor:
-    """The complex number that turns by yaw (rad)."""
-    return torch.polar(torch.ones_like(yaw), yaw)
+    return turning(scatter.angle() / 2)

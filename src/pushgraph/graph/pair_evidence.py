@@ -8,10 +8,11 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from pushgraph.graph import joint_fit
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.watching import Frame
-from pushgraph.pose import as_complex, wrap_angle
+from pushgraph.pose import as_complex, turning, wrap_angle
 
 FINE = 0.001
 """Lengths (m), and turns at LEVER, stand as the inverse hyperbolic sine in this unit: fine near zero, not large."""
@@ -29,7 +30,7 @@ FEATURES = (
     *("slider_line_x", "slider_line_y", "hinge_spread", "frames_moved"),
     *("noise_position", "noise_yaw"),
 )
-CONSTANTS = {"fine": FINE, "lever": LEVER}
+CONSTANTS = {"fine": FINE, "lever": LEVER} | joint_fit.CONSTANTS
 """What the weights depend on beside the features' names."""
 
 
@@ -48,14 +49,14 @@ def pair_evidence(
     # Planar vectors are complex numbers here: to turn is to multiply. The last axis is for the two directions.
     anchors = torch.stack((as_complex(relations.anchor_a), as_complex(relations.anchor_b)), -1)
     offset = torch.stack((relations.yaw_offset, -relations.yaw_offset), -1)
-    others = anchors.flip(-1) * _turn(offset)  # as they stood in the receiver's frame when the memory began
+    others = anchors.flip(-1) * turning(offset)  # as they stood in the receiver's frame when the memory began
     distance = (anchors - others).abs()
     axis = (anchors - others) / distance.clamp(min=1e-6)
 
     # How far anchors, angle and distance are from what they were, before and after.
     poses = torch.stack((before.poses, after.poses))
     position, yaw = as_complex(poses[..., :2]), poses[..., 2]
-    turned_ends = _turn(yaw[..., ends].float())
+    turned_ends = turning(yaw[..., ends].float())
     to_axis = (turned_ends * axis).conj()
     centres = (position[..., b] - position[..., a]).to(anchors.dtype)
     reach = anchors * turned_ends
@@ -119,7 +120,7 @@ def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[T
         (
             fits.drift_spread,
             fits.turn_spread * LEVER,
-            fits.turn_range(),
+            fits.turn_range,
             hinge.residual,
             off_hinge.abs(),
             (off_hinge - hinge.deviation(frame.relative_before)).abs(),
@@ -143,8 +144,3 @@ def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[T
     anchor = torch.stack((hinge.anchor_a * axis.conj(), -hinge.anchor_b * axis.conj()), -1)
     anchor = torch.view_as_real(anchor / LEVER).asinh()
     return torch.cat((anchor, either[:, :, None].expand(-1, -1, 2, -1)), -1)
-
-
-def _turn(yaw: Tensor) -> Tensor:
-    """The complex number that turns by yaw (rad)."""
-    return torch.polar(torch.ones_like(yaw), yaw)

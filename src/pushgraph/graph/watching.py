@@ -59,8 +59,8 @@ class View(NamedTuple):
     tool: pose_world_from_tool. tool_motion: how it changed in the frame before. first: where bodies were first seen.
     adjacent_at_first: pairs that were adjacent in the first frame. A body out of sight stays where it was last seen.
     unreached: frames since a body could last be reached. rested: frames that its pose is the mean of. untouched: bodies
-    that have rested since the first frame. fits: of the joints of all pairs, to what was seen so far.
-    noise: of the camera.
+    that have rested since the first frame. fits: of the joints of all pairs, to what was seen so far. noise: of the
+    camera.
     """
 
     state: State
@@ -83,9 +83,8 @@ class Frame(NamedTuple):
     """What one frame showed.
 
     in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
-    relative_before, relative: how pairs have moved
-    relative to each other until the frame before, and this one. fits: of joints to what was seen before this frame.
-    noise: of the camera.
+    relative_before, relative: how pairs have moved relative to each other until the frame before, and this one. fits:
+    of joints to what was seen before this frame. noise: of the camera.
     """
 
     before: State
