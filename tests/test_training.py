@@ -117,6 +117,7 @@ def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> Non
         torch.testing.assert_close(pieces[name], values)
 
 
+@pytest.mark.slow
 def test_two_processes_train_together_and_end_with_the_one_that_started_them(data, tmp_path) -> None:
     out = tmp_path / "out.safetensors"
     command = [sys.executable, "-m", "pushgraph", "train", "physics", "--processes", "2", "--cache", str(tmp_path)]
