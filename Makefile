@@ -27,11 +27,11 @@ demo: install
 	$(BIN)/pushgraph demo --out demo
 
 test: install lint
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 # What `make test` leaves out as slow, too.
 test-all: install lint
-	$(BIN)/python -m pytest -m "" --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest -m "" --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 lint: install
 	$(BIN)/ruff check .

@@ -1,5 +1,6 @@
 """Datasets: the same bytes on any number of workers and after any kill; nothing overwritten; clear errors."""
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -119,7 +120,8 @@ def test_killed_at_ten_random_moments_it_ends_with_the_same_bytes(tmp_path: Path
         while kill % 2 and process.poll() is None and len(list(parts.glob("from_*.h5"))) == blocks:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.3 if kill % 2 else 3.0))
-        os.killpg(process.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # on a fast machine it may be done
+            os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         blocks_left.append(len(list(parts.glob("from_*.h5"))))
     assert any(0 < blocks < 6 for blocks in blocks_left)

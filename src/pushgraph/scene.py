@@ -20,6 +20,7 @@ from pushgraph import pose
 from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, signed_gap
 from pushgraph.errors import SceneError
+from pushgraph.mass_prior import MASS_CLASSES, MassClass, check_classes
 from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.record import Record, explain
 from pushgraph.shape import Length, Point, Pose, rounded_boxes, take
@@ -108,13 +109,21 @@ class Scene(Record):
     """Between bodies, and between bodies and tool; None: unknown."""
     unknown_pairs: tuple[tuple[Name, Name], ...] | Literal["unlisted"] = ()
     """Pairs that may be joined or not; "unlisted": all that `joints` and `rigid_groups` do not list."""
+    mass_classes: tuple[MassClass, ...] | None = None
+    """What bodies of unknown mass may weigh; None: MASS_CLASSES."""
 
     @model_validator(mode="after")
     def _consistent(self, info: Any) -> "Scene":
         if not (info.context or {}).get("trusted"):
             self._check_names()
             self._check_places()
+            check_classes(self.classes_of_mass)
         return self
+
+    @property
+    def classes_of_mass(self) -> tuple[MassClass, ...]:
+        """What bodies of unknown mass may weigh."""
+        return MASS_CLASSES if self.mass_classes is None else self.mass_classes
 
     def _check_names(self) -> None:
         names = [body.name for body in self.bodies]
