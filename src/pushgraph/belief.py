@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,10 +11,17 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
-from pushgraph.errors import CheckpointError
+from pushgraph.errors import BeliefError, CheckpointError
+from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
+from pushgraph.graph.state import State
 from pushgraph.graph.watching import Frame, View, first_look, look
+from pushgraph.mass_chains import MassAnswer, MassChains
+from pushgraph.mass_memory import MassMemory
+from pushgraph.mass_memory import begin as begin_masses
+from pushgraph.mass_memory import observe as observe_masses
+from pushgraph.mass_prior import MASS_CLASSES, MassClass
 from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
 from pushgraph.network.compiled.in_reach import bodies_in_reach
 
@@ -25,12 +32,16 @@ STRANGERS = 0.999
 
 
 class Watch(NamedTuple):
-    """Scenes being watched, with what is believed of them. begun: pairs whose memory has begun."""
+    """Scenes being watched, with what is believed of them.
+
+    begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known.
+    """
 
     view: View
     relations: Float[Tensor, "batch pairs 2 state"]
     objects: Float[Tensor, "bodies state"]
     begun: Bool[Tensor, "batch pairs"]
+    masses: MassMemory | None
 
 
 class BeliefModel:
@@ -72,8 +83,12 @@ class BeliefModel:
         tool: Float[Tensor, "batch 3"],
         down: Bool[Tensor, " batch"],
         seen: Bool[Tensor, "batch bodies"],
+        classes: Sequence[Sequence[MassClass]] | None = None,
     ) -> Watch:
-        """Watch scenes from their first frame on; what is known of their joints is taken as given."""
+        """Watch scenes from their first frame on; what is known of their joints and masses is taken as given.
+
+        classes: what bodies of unknown mass may weigh, of each scene; MASS_CLASSES by default.
+        """
         view, frame = first_look(scenes, poses, tool, down, seen)
         batch, pairs = frame.in_sight.shape
         watch = Watch(
@@ -81,8 +96,9 @@ class BeliefModel:
             poses.new_zeros(batch, pairs, 2, self.network.width, dtype=torch.float32),
             poses.new_zeros(batch * poses.shape[1], self.network.hidden, dtype=torch.float32),
             torch.zeros_like(frame.in_sight),
+            self._begin_masses(scenes, poses, classes or [MASS_CLASSES] * batch),
         )
-        return self._learn(watch, view, frame)
+        return self._learn(watch, view, frame, None)
 
     @torch.inference_mode()
     def observe(
@@ -92,18 +108,49 @@ class BeliefModel:
         tool: Float[Tensor, "batch 3"],
         down: Bool[Tensor, " batch"],
         seen: Bool[Tensor, "batch bodies"],
+        wrench: Float[Tensor, "batch 3"] | None = None,
     ) -> Watch:
-        """One frame more."""
-        return self._learn(watch, *look(watch.view, poses, tool, down, seen, bodies_in_reach))
+        """One frame more. wrench: of the bodies on the tool (N, N m), NaN where it was not measured."""
+        return self._learn(watch, *look(watch.view, poses, tool, down, seen, bodies_in_reach), wrench)
 
-    def _learn(self, watch: Watch, view: View, frame: Frame) -> Watch:
+    def _begin_masses(
+        self, scenes: SceneBatch, poses: Tensor, classes: Sequence[Sequence[MassClass]]
+    ) -> MassMemory | None:
+        """None where the network says nothing of masses, or there is nothing to say."""
+        if not hasattr(self.network, "mass_noise"):
+            return None
+        chains = MassChains.begin(scenes, classes)
+        return begin_masses(scenes, poses, chains) if chains.priors.free[:, :-1].any() else None
+
+    def _learn(self, watch: Watch, view: View, frame: Frame, wrench: Tensor | None) -> Watch:
         evidence = evidence_of(self.network, self.dynamics, frame)
         rows = Rows.of(evidence.active, frame.first.shape[1])
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
         memory = self.network.step(memory, rows, encoded, torch.ones_like(rows.scene, dtype=torch.bool))
         relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
-        return Watch(view, relations, memory.objects, watch.begun | evidence.active)
+        begun, masses = watch.begun | evidence.active, watch.masses
+        watch = Watch(view, relations, memory.objects, begun, masses)
+        if masses is not None:
+            wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
+            believed = self._believed(watch).relations
+            masses = observe_masses(masses, self.network.mass_noise, self.dynamics, frame, view, believed, wrench)
+        return watch._replace(masses=masses)
+
+    def _believed(self, watch: Watch) -> State:
+        """The scenes with the likeliest joint of every pair."""
+        state = watch.view.state
+        if not watch.begun.any():
+            return state
+        kind = self.probabilities(watch).argmax(-1)
+        return believe(state, kind, watch.view.fits) if kind.any() else state
+
+    @torch.inference_mode()
+    def masses(self, watch: Watch) -> MassAnswer:
+        """What is believed of masses; raises BeliefError if this belief says nothing of them."""
+        if watch.masses is None:
+            raise BeliefError("no mass is unknown, or this belief says nothing of masses")
+        return watch.masses.chains.answer(watch.masses.evidence(), watch.view.state.scenes)
 
     @torch.inference_mode()
     def probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:

@@ -14,7 +14,9 @@ from pushgraph.graph import pair_evidence as features
 from pushgraph.graph.pair_evidence import FEATURES, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.watching import Frame
+from pushgraph.network import mass_noise
 from pushgraph.network.contact_problem import CONTACT_STATE
+from pushgraph.network.mass_noise import MassNoise
 from pushgraph.network.dynamics import Foresight
 
 LATENT_UNIT = 0.01
@@ -71,13 +73,15 @@ class BeliefNetwork(nn.Module):
         self.to_object = nn.Linear(hidden, hidden)
         self.object_cell = nn.GRUCell(hidden, hidden)
         self.head = nn.Sequential(nn.Linear(4 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
+        self.mass_noise = MassNoise()
 
     @staticmethod
     def schema() -> dict[str, Any]:
         """Names of the features and the constants in them, which its weights depend on."""
         return {
             "pair_features": [*features.FEATURES, *CONTACT_STATE],
-            "constants": features.CONSTANTS,
+            "mass_features": list(mass_noise.FEATURES),
+            "constants": features.CONSTANTS | {"masses": mass_noise.CONSTANTS},
         }
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:

@@ -1,0 +1,44 @@
+"""What bodies exert on the tool, from how they move: friction with the table and inertia, as Newton's laws have it."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pushgraph import pose
+from pushgraph.graph.scene_batch import SceneBatch
+
+GRAVITY = 9.81
+FRAME_SECONDS = 0.05
+LEAST_SLIP = 1e-5
+"""Feet that slip less than this in a frame (m) bear less than their full friction."""
+
+
+def wrench_on_tool(
+    scenes: SceneBatch,
+    poses: Float[Tensor, "batch bodies 3"],
+    last_motions: Float[Tensor, "batch bodies 3"],
+    motions: Float[Tensor, "batch bodies 3"],
+    tool: Float[Tensor, "batch 3"],
+) -> Float[Tensor, "batch 3"]:
+    """Force (N, world frame) and moment about the tool's origin (N m), on average over a frame.
+
+    poses: at its beginning. last_motions, motions: how they changed in the frame before and change in this one. tool:
+    pose_world_from_tool in its middle. The bodies' masses and the table's friction are those of `scenes`.
+    """
+    mass = torch.where(scenes.present & ~scenes.immovable, scenes.mass, 0.0).to(poses.dtype)
+    middle = poses + motions / 2
+    arms = pose.rotate(scenes.feet.points.to(poses.dtype), middle[..., None, 2].expand(scenes.feet.shares.shape))
+    turn = motions[..., None, 2]
+    slip_x, slip_y = motions[..., None, 0] - arms[..., 1] * turn, motions[..., None, 1] + arms[..., 0] * turn
+    spin = scenes.feet.radii * turn
+    over = scenes.feet.shares / (slip_x.square() + slip_y.square() + spin.square() + LEAST_SLIP**2).sqrt()
+    weight = mass * GRAVITY * scenes.table_friction.to(poses.dtype)[:, None]
+    friction_x, friction_y = (over * slip_x).sum(-1) * weight, (over * slip_y).sum(-1) * weight
+    torque = (over * (arms[..., 0] * slip_y - arms[..., 1] * slip_x + scenes.feet.radii * spin)).sum(-1) * weight
+    acceleration = (motions - last_motions) / FRAME_SECONDS**2
+    force_x = friction_x + mass * acceleration[..., 0]
+    force_y = friction_y + mass * acceleration[..., 1]
+    torque = torque + mass * scenes.gyration.to(poses.dtype) * acceleration[..., 2]
+    x, y = (middle[..., axis] - tool[:, None, axis] for axis in (0, 1))
+    moment = x * force_y - y * force_x + torque
+    return -torch.stack((force_x.sum(1), force_y.sum(1), moment.sum(1)), -1)

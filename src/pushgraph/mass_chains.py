@@ -1,0 +1,184 @@
+"""Masses as they may be: samples of what is believed, and what they say."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pushgraph.graph.scene_batch import SceneBatch
+from pushgraph.mass_prior import MassClass
+from pushgraph.network.mass_noise import Evidence
+
+GRAVITY = 9.81
+CHAINS = 32
+"""Samples of each scene."""
+BINS = 16
+"""Answers tell apart so many equal parts of every class."""
+ASKED = 24
+"""An answer is the mean of so many moves of all chains."""
+FRICTION = (0.2, 0.6)
+"""Between which the table's friction is taken to lie if it is unknown."""
+LEVELS = (0.5, 0.16, 0.84)
+"""Of a median, and of the ends of an interval that holds 68 %."""
+
+
+class MassAnswer(NamedTuple):
+    """What is believed of the mass of every body.
+
+    probabilities: of the scene's classes. median, low, high: kg; low and high are the ends of the interval that holds
+    68 %. slide_median, slide_low, slide_high: of the force that slides it, table friction times weight (N). samples:
+    logarithms of masses (kg) as they may be together.
+    """
+
+    probabilities: Float[Tensor, "batch bodies classes"]
+    median: Float[Tensor, "batch bodies"]
+    low: Float[Tensor, "batch bodies"]
+    high: Float[Tensor, "batch bodies"]
+    slide_median: Float[Tensor, "batch bodies"]
+    slide_low: Float[Tensor, "batch bodies"]
+    slide_high: Float[Tensor, "batch bodies"]
+    samples: Float[Tensor, "batch samples bodies"]
+
+
+class MassPriors(NamedTuple):
+    """Of all variables of scenes: the logarithms of masses, and last of the table's friction.
+
+    lowest, highest: of their classes, in rising order; a class whose highest is not above its lowest is none. density:
+    logarithm of each class's share over its width. free: variables that are unknown. count: classes of masses.
+    """
+
+    lowest: Float[np.ndarray, "batch variables classes"]
+    highest: Float[np.ndarray, "batch variables classes"]
+    density: Float[np.ndarray, "batch variables classes"]
+    free: Bool[np.ndarray, "batch variables"]
+    order: np.ndarray
+    """Of the scene's classes, where each stands among the rising ones."""
+
+    @classmethod
+    def of(cls, scenes: SceneBatch, classes: Sequence[Sequence[MassClass]]) -> "MassPriors":
+        """Priors of scenes; classes: of each scene."""
+        batch, bodies = scenes.mass.shape
+        count = max(map(len, classes))
+        lowest, highest = np.zeros((batch, bodies + 1, count)), np.zeros((batch, bodies + 1, count))
+        density = np.zeros((batch, bodies + 1, count))
+        order = np.tile(np.arange(count), (batch, 1))
+        for k, some in enumerate(classes):
+            rising = sorted(range(len(some)), key=lambda c, some=some: some[c].lowest)
+            total = sum(one.share for one in some)
+            for place, c in enumerate(rising):
+                one = some[c]
+                order[k, c] = place
+                lowest[k, :bodies, place], highest[k, :bodies, place] = math.log(one.lowest), math.log(one.highest)
+                density[k, :bodies, place] = math.log(one.share / total / (one.highest - one.lowest))
+        lowest[:, bodies, 0], highest[:, bodies, 0] = np.log(FRICTION)
+        density[:, bodies, 0] = -math.log(FRICTION[1] - FRICTION[0])
+        free = np.ones((batch, bodies + 1), bool)
+        free[:, :bodies] = (scenes.present & ~scenes.immovable & ~scenes.mass_known).numpy()
+        free[:, bodies] = ~scenes.table_friction_known.numpy()
+        return cls(lowest, highest, density, free, order)
+
+
+class MassChains(NamedTuple):
+    """Samples of the variables of scenes, which follow what is believed."""
+
+    priors: MassPriors
+    samples: Float[np.ndarray, "batch chains variables"]
+
+    @classmethod
+    def begin(cls, scenes: SceneBatch, classes: Sequence[Sequence[MassClass]]) -> "MassChains":
+        """Samples of the prior."""
+        priors = MassPriors.of(scenes, classes)
+        batch, variables = priors.free.shape
+        known = torch.cat((scenes.mass.double(), scenes.table_friction.double()[:, None]), 1).log().numpy()
+        # The same numbers for every scene, whatever stands beside it.
+        uniforms = np.random.default_rng(0).random((CHAINS, variables, 2))
+        weights = np.exp(priors.density) * np.clip(np.exp(priors.highest) - np.exp(priors.lowest), 0, None)
+        upto = (weights / weights.sum(-1, keepdims=True)).cumsum(-1)
+        chosen = (uniforms[None, ..., :1] > upto[:, None, :, :-1]).sum(-1)[..., None]
+        lowest, highest = (
+            np.exp(np.take_along_axis(np.broadcast_to(values[:, None], (batch, CHAINS, *values.shape[1:])), chosen, -1))
+            for values in (priors.lowest, priors.highest)
+        )
+        drawn = np.log(lowest + (highest - lowest) * uniforms[None, ..., 1:])[..., 0]
+        return cls(priors, np.where(priors.free[:, None], drawn, known[:, None]))
+
+    def mean(self) -> Float[Tensor, "batch variables"]:
+        """Mean of every variable."""
+        return torch.from_numpy(self.samples.mean(1))
+
+    def sweep(self, evidence: Evidence, changed: Bool[Tensor, " batch"], number: int) -> "MassChains":
+        """Move the chains of some scenes once. number: of this move, which settles the random numbers."""
+        moved, _ = self._moved(evidence, changed.numpy(), 1, number)
+        return self._replace(samples=moved[-1])
+
+    def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassAnswer:
+        """What the chains say, after some moves more."""
+        batch, bodies = scenes.mass.shape
+        moves, histogram = self._moved(evidence, np.ones(batch, bool), ASKED, 0)
+        samples = np.concatenate(moves, 1)
+        classes = self.priors.lowest.shape[-1]
+        parts = histogram.reshape(batch, bodies, classes, BINS)
+        probabilities = np.take_along_axis(parts.sum(-1), self.priors.order[:, None], -1)
+        quantiles = _quantiles(self.priors, parts)
+        free = self.priors.free[:, :bodies]
+        known = scenes.mass.double().numpy()
+        quantiles = [np.where(free, values, known) for values in quantiles]
+        sliding = np.exp(samples[..., :bodies] + samples[..., bodies:]) * GRAVITY
+        slides = np.quantile(sliding, LEVELS, axis=1)
+        known_friction = ~self.priors.free[:, bodies:]
+        slides = [
+            np.where(known_friction, mass * np.exp(samples[:, 0, bodies:]) * GRAVITY, slide)
+            for mass, slide in zip(quantiles, slides, strict=True)
+        ]
+        arrays = (probabilities, *quantiles, *slides, samples[..., :bodies])
+        return MassAnswer(*(torch.from_numpy(np.ascontiguousarray(values)) for values in arrays))
+
+    def _moved(
+        self, evidence: Evidence, changed: Bool[np.ndarray, " batch"], moves: int, number: int
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """Samples after each of some moves, and the mean of the histograms."""
+        # Compiled code takes half a second to import.
+        from pushgraph.network.compiled.mass_chains import sweep
+
+        information, pull = (values.detach().numpy() for values in evidence)
+        samples, (lowest, highest, density, free, _) = self.samples, self.priors
+        batch, _, variables = samples.shape
+        total = np.zeros((batch, variables - 1, lowest.shape[-1] * BINS))
+        histogram = np.zeros_like(total[0])
+        after = []
+        rng = np.random.default_rng(number)
+        for _ in range(moves):
+            samples, uniforms = samples.copy(), rng.random((CHAINS, 4 * variables + 2))
+            for k in np.flatnonzero(changed):
+                sweep(
+                    *(samples[k], information[k], pull[k], lowest[k], highest[k], density[k], free[k]),
+                    *(uniforms, histogram),
+                )
+                total[k] += histogram / moves
+            after.append(samples)
+        return after, total
+
+
+def _quantiles(priors: MassPriors, parts: Float[np.ndarray, "batch bodies classes bins"]) -> list[np.ndarray]:
+    """Masses at each of LEVELS (kg)."""
+    bodies = parts.shape[1]
+    low, high = (np.exp(values[:, :bodies]) for values in (priors.lowest, priors.highest))
+    width = ((high - low) / BINS)[..., None]
+    starts = low[..., None] + width * np.arange(BINS)
+    starts, widths = (values.reshape(*parts.shape[:2], -1) for values in (starts, np.broadcast_to(width, starts.shape)))
+    weights = parts.reshape(starts.shape)
+    upto = weights.cumsum(-1)
+    total = np.maximum(upto[..., -1:], 1e-12)
+    found = []
+    for level in LEVELS:
+        place = (upto < level * total).sum(-1, keepdims=True).clip(0, upto.shape[-1] - 1)
+        start, width_there, weight, until = (
+            np.take_along_axis(values, place, -1) for values in (starts, widths, weights, upto)
+        )
+        share = np.clip(1 - (until - level * total) / np.maximum(weight, 1e-12), 0, 1)
+        found.append((start + share * width_there)[..., 0])
+    return found

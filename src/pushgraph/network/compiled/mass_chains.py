@@ -1,0 +1,208 @@
+"""Draw masses from what is known of them: evidence, a Gaussian over their logarithms, times what each may weigh.
+
+Variables are the logarithms of masses (kg), and last that of the table's friction. Every variable is drawn given all
+others, in turn; then bodies whose ratios the evidence ties move together along their common scale, which motion leaves
+open (every force scales with mass); then, where forces were measured, all of them against the friction.
+"""
+
+import math
+
+import numpy as np
+
+from pushgraph.network.compiled.jit import compiled
+
+CELLS = 6
+"""Each interval along a line is cut into so many."""
+SPAN = 5.0
+"""Farther than this many standard deviations from where evidence has its highest point, nothing is looked for."""
+TIED = 0.05
+"""Bodies whose logarithms of mass are correlated by this much in the evidence move together."""
+MOST_INTERVALS = 64
+SMALLEST = 1e-9
+"""Widens intervals by so much, so that rounding does not empty them."""
+
+
+@compiled
+def sweep(chains, information, pull, lowest, highest, density, free, uniforms, histogram):
+    """Move all chains once, and say in the histogram what share of them weighs what.
+
+    chains [chains variables]. information, pull: of the Gaussian, [variables variables] and [variables]. lowest,
+    highest: bounds of the classes of each variable, logarithms, [variables classes], in rising order; density: logarithm
+    of each class's share over its width. free: variables that are not known. uniforms [chains numbers], at least four
+    for each variable. histogram [masses bins]: equal parts of the classes, one class after the other.
+    """
+    count, variables = chains.shape
+    masses = histogram.shape[0]
+    histogram[:] = 0.0
+    unused = np.zeros_like(histogram)
+    root = _tied(information, masses, free)
+    sizes = np.zeros(variables, np.int64)
+    for i in range(masses):
+        if free[i]:
+            sizes[root[i]] += 1
+    alone, everyone = np.empty(1, np.int64), np.empty(variables, np.int64)
+    one, signs = np.ones(1), np.ones(variables)
+    room = _room(lowest.shape[1])
+    for chain in range(count):
+        x, used = chains[chain], 0
+        for i in range(variables):
+            if free[i]:
+                alone[0] = i
+                answers = histogram if i < masses and sizes[root[i]] == 1 else unused
+                _move(x, alone, one, information, pull, lowest, highest, density, uniforms[chain], used, answers, room)
+                used += 2
+        for first in range(masses):
+            if sizes[first] < 2:
+                continue
+            size = 0
+            for i in range(masses):
+                if free[i] and root[i] == first:
+                    everyone[size] = i
+                    size += 1
+            members = everyone[:size]
+            _move(x, members, signs, information, pull, lowest, highest, density, uniforms[chain], used, histogram, room)
+            used += 2
+        friction = variables - 1
+        if masses < variables and free[friction] and information[friction, friction] > 0.0:
+            size = 0
+            for i in range(masses):
+                if free[i] and information[i, friction] != 0.0:
+                    everyone[size] = i
+                    size += 1
+            everyone[size] = friction
+            signs[size] = -1.0
+            members = everyone[: size + 1]
+            _move(x, members, signs, information, pull, lowest, highest, density, uniforms[chain], used, unused, room)
+            signs[size] = 1.0
+    histogram /= count
+
+
+@compiled
+def _tied(information, masses, free):
+    """For each body, the first of those that it is tied to."""
+    root = np.arange(masses)
+    for i in range(masses):
+        for j in range(i):
+            scale = information[i, i] * information[j, j]
+            if not (free[i] and free[j]) or scale <= 0.0 or abs(information[i, j]) < TIED * math.sqrt(scale):
+                continue
+            low, high = min(root[i], root[j]), max(root[i], root[j])
+            for k in range(masses):
+                if root[k] == high:
+                    root[k] = low
+    return root
+
+
+@compiled
+def _room(classes):
+    """Room for intervals (two sets of lowest, highest, logarithm of weight) and for cells (place, width, weight)."""
+    return np.empty((2, 3, MOST_INTERVALS)), np.empty((3, MOST_INTERVALS * CELLS))
+
+
+@compiled
+def _move(x, members, signs, information, pull, lowest, highest, density, uniforms, used, histogram, room):
+    """Draw a step s along x_i + sign_i s of all members given everything else, and take it."""
+    curvature, slope = 0.0, 0.0
+    for m in range(len(members)):
+        i, sign = members[m], signs[m]
+        force = pull[i]
+        for j in range(len(x)):
+            force -= information[i, j] * x[j]
+        slope += sign * (force + 1.0)  # masses are spread evenly, so their logarithms more densely the larger they are
+        for n in range(len(members)):
+            curvature += sign * signs[n] * information[i, members[n]]
+    intervals, found = _intervals(x, members, signs, lowest, highest, density, room[0])
+    cells = _cells(intervals, found, max(curvature, 0.0), slope, room[1])
+    if cells == 0:
+        return
+    place, width, weight = room[1]
+    total = 0.0
+    for k in range(cells):
+        total += weight[k]
+    wanted, chosen = uniforms[used] * total, cells - 1
+    for k in range(cells):
+        wanted -= weight[k]
+        if wanted <= 0.0:
+            chosen = k
+            break
+    bins = histogram.shape[1] // lowest.shape[1]
+    for m in range(len(members)):
+        i = members[m]
+        if i >= histogram.shape[0]:
+            continue
+        for k in range(cells):
+            if weight[k] > 1e-6 * total:
+                histogram[i, _bin(x[i] + signs[m] * place[k], lowest[i], highest[i], bins)] += weight[k] / total
+    step = place[chosen] + (uniforms[used + 1] - 0.5) * width[chosen]
+    for m in range(len(members)):
+        x[members[m]] += signs[m] * step
+
+
+@compiled
+def _intervals(x, members, signs, lowest, highest, density, room):
+    """Steps at which every member stays within one of its classes: their bounds, and logarithms of their weight."""
+    old, new = room[0], room[1]
+    old[0, 0], old[1, 0], old[2, 0] = -math.inf, math.inf, 0.0
+    found = 1
+    for m in range(len(members)):
+        i, count = members[m], 0
+        for k in range(found):
+            for c in range(lowest.shape[1]):
+                if not lowest[i, c] < highest[i, c]:
+                    continue
+                first, last = lowest[i, c] - x[i], highest[i, c] - x[i]
+                if signs[m] < 0:
+                    first, last = -last, -first
+                first, last = max(first - SMALLEST, old[0, k]), min(last + SMALLEST, old[1, k])
+                if first < last and count < MOST_INTERVALS:
+                    new[0, count], new[1, count], new[2, count] = first, last, old[2, k] + density[i, c]
+                    count += 1
+        old, new, found = new, old, count
+    return old, found
+
+
+@compiled
+def _cells(intervals, found, curvature, slope, cells):
+    """Cut the intervals, where they matter, into cells; their number. Weights are relative to the greatest."""
+    nearest, deviation, peak = math.inf, math.inf, 0.0
+    if curvature > SMALLEST:
+        deviation, peak = 1 / math.sqrt(curvature), slope / curvature
+        for k in range(found):
+            nearest = min(nearest, abs(min(max(peak, intervals[0, k]), intervals[1, k]) - peak))
+    place, width, weight = cells
+    count, greatest = 0, -math.inf
+    for k in range(found):
+        first, last = intervals[0, k], intervals[1, k]
+        if curvature > SMALLEST:
+            close = min(max(peak, first), last)
+            away = abs(close - peak)
+            if away > nearest + SPAN * deviation:
+                continue
+            # Beyond its peak a Gaussian falls off like an exponential.
+            reach = SPAN * deviation if away == 0.0 else min(SPAN * deviation, 2 * SPAN / (away * curvature))
+            first, last = max(first, close - reach), min(last, close + reach)
+        for cell in range(CELLS):
+            w = (last - first) / CELLS
+            s = first + (cell + 0.5) * w
+            place[count], width[count] = s, w
+            weight[count] = intervals[2, k] + (slope - curvature * s / 2) * s + math.log(w)
+            greatest = max(greatest, weight[count])
+            count += 1
+    for k in range(count):
+        weight[k] = math.exp(weight[k] - greatest)
+    return count
+
+
+@compiled
+def _bin(logarithm, lowest, highest, bins):
+    """Where a mass stands in the histogram of its classes."""
+    last = 0
+    for c in range(len(lowest)):
+        if not lowest[c] < highest[c]:
+            continue
+        last = c
+        if logarithm <= highest[c] + SMALLEST:
+            break
+    low, high = math.exp(lowest[last]), math.exp(highest[last])
+    share = (math.exp(logarithm) - low) / (high - low)
+    return last * bins + int(min(max(share * bins, 0.0), bins - 1.0))
