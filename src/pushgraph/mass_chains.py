@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.graph.scene_batch import SceneBatch
@@ -105,6 +105,14 @@ class MassChains(NamedTuple):
         )
         drawn = np.log(lowest + (highest - lowest) * uniforms[None, ..., 1:])[..., 0]
         return cls(priors, np.where(priors.free[:, None], drawn, known[:, None]))
+
+    def groups(self, evidence: Evidence) -> Int[np.ndarray, "batch bodies"]:
+        """For each body the first of those whose mass relative to its own is known; itself, if there is none."""
+        from pushgraph.network.compiled.mass_chains import tied
+
+        free, bodies = self.priors.free, self.samples.shape[2] - 1
+        everyone = zip(evidence.information.numpy(), np.ones_like(free), strict=True)
+        return np.stack([tied(information, bodies, each) for information, each in everyone])
 
     def mean(self) -> Float[Tensor, "batch variables"]:
         """Mean of every variable."""

@@ -138,7 +138,7 @@ def observe(
     tracked = concatenate((memory.tracked, old.tracked))
     both_seen = concatenate((seen, old.seen))
     step = torch.cat((control.motion, old.control.motion))[:, :2].norm(dim=-1)
-    surprise, expected, observed = surprises(network, linearized, tracked, both_seen.poses, step, _camera(frame)[rows])
+    surprise, expected, observed = surprises(network, linearized, tracked, both_seen.poses, step, camera_of(frame)[rows])
     evidence = network.evidence(linearized, surprise, expected + observed, log_mass)
     force = network.wrench_evidence(linearized, both_seen.wrench, log_mass)
     evidence = Evidence(*((one + other).detach() for one, other in zip(evidence, force, strict=True)))
@@ -214,7 +214,7 @@ def track(
 def rested(tracked: Tracked, view: View, frame: Frame, at_rest: Bool[Tensor, "batch bodies"]) -> Tracked:
     """The same where the tool does not reach: there a camera's mean is as good as anything, and masses do nothing."""
     at_rest = at_rest & view.seen & (view.rested > 1)
-    variance = (_camera(frame).square()[:, None, [0, 0, 1]] + MEASURED) / view.rested.double()[..., None]
+    variance = (camera_of(frame).square()[:, None, [0, 0, 1]] + MEASURED) / view.rested.double()[..., None]
     return Tracked(
         torch.where(at_rest[..., None], view.state.poses.double(), tracked.poses),
         torch.where(at_rest[..., None], 0.0, tracked.motions),
@@ -236,7 +236,7 @@ def worth_of(evidence: Evidence) -> Float[Tensor, " batch"]:
     return evidence.information.diagonal(dim1=-2, dim2=-1)[..., :-1].sum(-1)
 
 
-def _camera(frame: Frame) -> Float[Tensor, "batch 2"]:
+def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     """Standard deviations of positions, and of yaws at LEVER (m)."""
     return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
 

@@ -1,4 +1,4 @@
-"""Watch one scene frame by frame, and say what is joined to what."""
+"""Watch one scene frame by frame, and say what is joined to what, and what weighs how much."""
 
 import math
 from collections.abc import Sequence
@@ -7,16 +7,19 @@ from itertools import combinations
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.belief import BeliefModel, Watch
 from pushgraph.believed_joint import BelievedJoint
+from pushgraph.believed_mass import BelievedMass, Interval
 from pushgraph.body import ROBOT, Joint
 from pushgraph.contact import contact_between
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import BeliefError
 from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
+from pushgraph.mass_chains import LEVELS
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import OVERLAP, Scene
 from pushgraph.shape import Polygon, rounded_boxes, take
@@ -26,20 +29,25 @@ LONGEST_JUMP = 0.2
 LEAST_ROOM = 1e-3
 """A joint at its limit still has this room (m or rad): what was seen beyond the limit is noise."""
 PARTING_ROUNDS = 100
+MOST_FORCE = 1000.0
+"""A sensor that says more (N or N m) says it in other units."""
 
 
 class BeliefRegulator:
-    """Learns the joint of every pair of bodies from poses, one frame at a time, in constant memory.
+    """Learns the joint of every pair of bodies, and masses, from poses, one frame at a time, in constant memory.
 
     regulator = BeliefRegulator(scene)
     for poses, down in track.frames():
         probabilities = regulator.observe(poses, down)
 
     Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
-    it knows to be apart) hold. Masses and frictions are taken as the scene tells them.
+    it knows to be apart) hold. Masses are learnt where the scene does not tell them, or of all bodies if `weigh` says
+    so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them.
     """
 
-    def __init__(self, scene: Scene, model: BeliefModel | str = "belief", given: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, model: BeliefModel | str = "belief", given: bool = False, weigh: bool = False
+    ) -> None:
         polygons = [body.name for body in scene.bodies if isinstance(body.shape, Polygon)]
         if polygons:
             raise BeliefError(
@@ -53,6 +61,10 @@ class BeliefRegulator:
         self.frames = 0
         """Frames observed so far."""
         watched = scene if given else scene.replace(joints=(), unknown_pairs="unlisted")
+        if weigh:
+            bodies = tuple(body if body.fixed else body.replace(mass=None) for body in scene.bodies)
+            watched = watched.replace(bodies=bodies)
+        self._classes = [scene.classes_of_mass]
         self._scenes = batch_scenes([watched])
         self._poses = np.concatenate((np.full((1, 3), np.nan), scene.poses_world_from_body))
         self._unseen = np.zeros(len(self._poses), dtype=np.int64)
@@ -60,14 +72,23 @@ class BeliefRegulator:
         self._yaw_known = np.array([True, *(body.yaw_known for body in scene.bodies)])
         self._watch: Watch | None = None
 
-    def observe(self, poses: Float[np.ndarray, "nodes 3"], down: bool = True) -> Float[np.ndarray, "pairs joints"]:
+    def observe(
+        self,
+        poses: Float[np.ndarray, "nodes 3"],
+        down: bool = True,
+        wrench: Float[np.ndarray, "3"] | None = None,
+    ) -> Float[np.ndarray, "pairs joints"]:
         """Learn from one frame, 0.05 s after the last: pose_world_from_tool, then pose_world_from_body in order.
 
         A body that was not seen has NaN for x and y; a yaw that cannot be known may be NaN. `down`: whether the tool
-        is down on the table; a tool that jumps was lifted meanwhile. `pushgraph.Track.frames` yields both. Returns
-        probabilities; columns in the order of JOINT_CODES: none, fixed, prismatic, revolute. Raises BeliefError, and
-        learns nothing, if a pose is not finite or a body jumped.
+        is down on the table; a tool that jumps was lifted meanwhile. `pushgraph.Track.frames` yields both. `wrench`: what
+        the bodies exert on the tool, if a sensor measures it: force (N, world frame) and moment about the tool's origin
+        (N m), on average since the last frame; NaN where it said nothing. Returns probabilities; columns in the order
+        of JOINT_CODES: none, fixed, prismatic, revolute. Raises BeliefError, and learns nothing, if a pose is not finite
+        or a body jumped, or a wrench cannot be.
         """
+        if wrench is not None:
+            wrench = self._checked_wrench(np.asarray(wrench, dtype=float))
         poses, seen = self._checked(np.array(poses, dtype=float))
         lifted = np.hypot(*(poses[0] - self._poses[0])[:2]) > LONGEST_JUMP
         room = self._scenes.mass.shape[1]
@@ -77,11 +98,12 @@ class BeliefRegulator:
         frame = [torch.from_numpy(array) for array in arrays]
         with single_threaded():
             if self._watch is None:
-                self._watch = self.model.begin(self._scenes, *frame)
+                self._watch = self.model.begin(self._scenes, *frame, self._classes)
             else:
                 view = self._watch.view
                 before = self._watch._replace(view=view._replace(down=view.down & (not lifted)))
-                self._watch = self.model.observe(before, *frame)
+                felt = None if wrench is None else torch.from_numpy(wrench)[None]
+                self._watch = self.model.observe(before, *frame, felt)
         self._poses = poses
         self._unseen = np.where(seen, 0, self._unseen + 1)
         self._ever_seen |= seen
@@ -98,15 +120,17 @@ class BeliefRegulator:
     def scene(self) -> Scene:
         """The scene as it is now, with the likeliest joint of every pair, ready for prediction; it has no pushes.
 
-        Bodies that noise has pressed into each other are moved apart, by as much as that takes.
+        Bodies that noise has pressed into each other are moved apart, by as much as that takes. Masses that are learnt
+        stand at their medians.
         """
         view = self._watched.view
         state = view.state
         kind = self.model.probabilities(self._watched).argmax(-1)
         relations = believe(state, kind, view.fits).relations
+        masses = {mass.body: mass.mass[0] for mass in self.masses()}
         poses = _parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
         bodies = tuple(
-            body.replace(pose_world_from_body=tuple(place))
+            body.replace(pose_world_from_body=tuple(place), mass=masses.get(body.name, body.mass))
             for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
         )
         return self.original.replace(
@@ -128,6 +152,48 @@ class BeliefRegulator:
             for row, code in enumerate(probabilities.argmax(-1).tolist())
             if code and unknown[row]
         ]
+
+    def masses(self) -> list[BelievedMass]:
+        """What is believed of the masses of bodies that the scene does not tell (or of all, if they are weighed)."""
+        watch = self._watched
+        if watch.masses is None:
+            return []
+        with single_threaded():
+            answer = self.model.masses(watch)
+            group = watch.masses.chains.groups(watch.masses.evidence())[0]
+        names, classes = self.original.names, [one.name for one in self._classes[0]]
+        free = watch.masses.chains.priors.free[0]
+        weights = answer.samples[0].exp().numpy()
+
+        def with_ends(median: Tensor, low: Tensor, high: Tensor, body: int) -> Interval:
+            return float(median[0, body]), float(low[0, body]), float(high[0, body])
+
+        believed = []
+        for body in np.flatnonzero(free[: len(names)]).tolist():
+            others = np.flatnonzero((group[: len(names)] == group[body]) & (np.arange(len(names)) != body)).tolist()
+            ratios = {names[k]: np.quantile(weights[:, body] / weights[:, k], LEVELS) for k in others}
+            believed.append(
+                BelievedMass(
+                    names[body],
+                    dict(zip(classes, answer.probabilities[0, body].tolist(), strict=False)),
+                    with_ends(answer.median, answer.low, answer.high, body),
+                    with_ends(answer.slide_median, answer.slide_low, answer.slide_high, body),
+                    {name: (float(mid), float(low), float(high)) for name, (mid, low, high) in ratios.items()},
+                )
+            )
+        return believed
+
+    def _checked_wrench(self, wrench: np.ndarray) -> np.ndarray:
+        if wrench.shape != (3,):
+            raise BeliefError(f"wrench: shape must be (3,): force x, y (N), moment (N m); got {wrench.shape}")
+        if np.isnan(wrench).all():
+            return wrench
+        if not np.isfinite(wrench).all() or np.abs(wrench).max() > MOST_FORCE:
+            raise BeliefError(
+                f"wrench in frame {self.frames} is {wrench.tolist()}: it must be finite and at most {MOST_FORCE:g} N and "
+                "N m, or NaN in all three where it was not measured"
+            )
+        return wrench
 
     @property
     def _watched(self) -> Watch:

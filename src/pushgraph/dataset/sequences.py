@@ -17,13 +17,15 @@ FROM_THE_START = 0.5
 class SequenceBatch(NamedTuple):
     """Sequences side by side. Node 0 is the robot; rows beyond a scene's own nodes are zero.
 
-    A trajectory that ends before its sequence does stays as it is, the tool lifted; `lasts` is False there.
+    A trajectory that ends before its sequence does stays as it is, the tool lifted; `lasts` is False there. wrench: of
+    the bodies on the tool (N, N m).
     """
 
     scenes: list[Scene]
     poses: Float32[np.ndarray, "batch frames nodes 3"]
     down: Bool[np.ndarray, "batch frames"]
     lasts: Bool[np.ndarray, "batch frames"]
+    wrench: Float32[np.ndarray, "batch frames 3"]
 
 
 class SequenceSampler:
@@ -39,22 +41,24 @@ class SequenceSampler:
         """Batch number `step` (from 0)."""
         rng = np.random.default_rng([self.seed, 2, step])
         drawn = [self._draw(rng) for _ in range(self.batch_size)]
-        widest = max(poses.shape[1] for _, poses, _ in drawn)
+        widest = max(poses.shape[1] for _, poses, *_ in drawn)
         poses = np.zeros((self.batch_size, self.frames, widest, 3), np.float32)
         down = np.zeros((self.batch_size, self.frames), bool)
         lasts = np.zeros((self.batch_size, self.frames), bool)
-        for k, (_, some, push) in enumerate(drawn):
+        wrenches = np.zeros((self.batch_size, self.frames, 3), np.float32)
+        for k, (_, some, push, wrench) in enumerate(drawn):
             poses[k, : len(some), : some.shape[1]] = some
             poses[k, len(some) :, : some.shape[1]] = some[-1]
             down[k, : len(some)] = push != LIFTED
             lasts[k, : len(some)] = True
-        return SequenceBatch([scene for scene, _, _ in drawn], poses, down, lasts)
+            wrenches[k, : len(some)] = wrench
+        return SequenceBatch([scene for scene, *_ in drawn], poses, down, lasts, wrenches)
 
-    def _draw(self, rng: np.random.Generator) -> tuple[Scene, np.ndarray, np.ndarray]:
+    def _draw(self, rng: np.random.Generator) -> tuple[Scene, np.ndarray, np.ndarray, np.ndarray]:
         index = int(rng.integers(len(self.dataset)))
         stretch = self.dataset.columns(index, index + 1)
         starts = np.flatnonzero((stretch.push != LIFTED) & (np.diff(stretch.push, prepend=-2) != 0))
         first = 0 if rng.random() < FROM_THE_START else int(rng.choice(starts))
         poses = stretch.poses.reshape(len(stretch.push), -1, 3)
         last = first + self.frames
-        return self.dataset.scene(index), poses[first:last], stretch.push[first:last]
+        return self.dataset.scene(index), poses[first:last], stretch.push[first:last], stretch.wrench[first:last]

@@ -23,7 +23,7 @@ FLOOR, OF_STEP, OF_MOTION = 3e-4, 0.1, 0.05
 WIDEST = 6.0
 """The network changes the logarithm of a variance by at most this."""
 FORCE, MOMENT, OF_WRENCH = 0.3, 0.01, 0.05
-"""Noise of a force sensor (N, N m), and of what is predicted, as a share of the force."""
+"""Noise of a force sensor (N, N m), and of what is predicted before training, as a share of the force."""
 WRENCH_LEVER = 0.05
 """Moments are predicted about as exactly as forces at this distance (m)."""
 CONSTANTS = {
@@ -61,6 +61,9 @@ class MassNoise(nn.Module):
         """Logarithm of the degrees of freedom of Student's distribution that surprises have."""
         self.log_worth = nn.Parameter(torch.tensor([0.0]))
         """Logarithm of what evidence is worth: errors of successive frames are alike."""
+        self.log_of_wrench = nn.Parameter(torch.tensor([OF_WRENCH]).log())
+        """Logarithm of the noise of a predicted wrench, as a share of the force."""
+        self.log_worth_of_wrench = nn.Parameter(torch.tensor([0.0]))
 
     def noise(
         self,
@@ -121,12 +124,13 @@ class MassNoise(nn.Module):
         """From what a force sensor said (N, N m; NaN where it said nothing)."""
         said = wrench.isfinite()
         off = torch.where(said, wrench - linearized.wrench, 0.0)
-        force = OF_WRENCH * linearized.wrench[..., :2].norm(dim=-1, keepdim=True)
+        force = self.log_of_wrench.exp() * linearized.wrench[..., :2].norm(dim=-1, keepdim=True)
         model = torch.cat((force, force, WRENCH_LEVER * force), -1)
         sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])
         variance = model.square() + sensor.square() + linearized.wrench_curvature
         freedom = self.log_freedom.exp()
         weight = (freedom + 3) / (freedom + (off.square() / variance).sum(-1, keepdim=True))
+        weight = weight * self.log_worth_of_wrench.exp()
         return _evidence(linearized.wrench_sensitivity, torch.where(said, weight / variance, 0.0), off, log_mass)
 
 

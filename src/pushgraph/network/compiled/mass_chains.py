@@ -35,7 +35,7 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     masses = histogram.shape[0]
     histogram[:] = 0.0
     unused = np.zeros_like(histogram)
-    root = _tied(information, masses, free)
+    root = tied(information, masses, free)
     sizes = np.zeros(variables, np.int64)
     for i in range(masses):
         if free[i]:
@@ -78,8 +78,8 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
 
 
 @compiled
-def _tied(information, masses, free):
-    """For each body, the first of those that it is tied to."""
+def tied(information, masses, free):
+    """For each of the first `masses` variables, the first of those that evidence ties it to."""
     root = np.arange(masses)
     for i in range(masses):
         for j in range(i):
