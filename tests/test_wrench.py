@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scenes import body
 
+from pushgraph import pose
 from pushgraph.errors import TrackError
 from pushgraph.recording.files import read_sightings, save_sightings
 from pushgraph.recording.recording import read_recording
@@ -258,6 +259,21 @@ def test_readings_turn_with_the_recording_s_axes(track: Track, scene: Scene, tmp
     np.testing.assert_allclose(
         frame.wrench[:, 0], (track.wrench[:, :2] * [math.cos(1), -math.sin(1)]).sum(1), atol=1e-12
     )
+
+
+def test_readings_are_mended_with_a_frame_of_reference_that_turned(track: Track, tmp_path: Path) -> None:
+    """From frame 20 on the recording is of a frame turned by 0.3 rad, robot, bodies, forces and all."""
+    other = body("other", 0.3, 0.3, Cylinder(diameter=0.10))
+    scene = track.scene.replace(bodies=(*track.scene.bodies, other))
+    true = simulate(scene)
+    turned = true.poses.copy()
+    turned[20:] = pose.compose(np.array([0.1, 0.0, 0.3]), true.poses[20:])
+    wrench = true.wrench.copy()
+    wrench[20:, :2] = pose.rotate(true.wrench[20:, :2], 0.3)
+    path = save(tmp_path / "bumped.csv", long_table(replace(true, poses=turned), wrench))
+    recording = read_recording(path, scene, mend=True)
+    assert any("leap as one" in str(finding) and "the robot with" in str(finding) for finding in recording.findings)
+    np.testing.assert_allclose(recording.track.wrench, true.wrench, atol=0.02 * np.abs(true.wrench).max())
 
 
 def test_lost_readings_are_said_and_others_kept(track: Track, scene: Scene, tmp_path: Path) -> None:
