@@ -28,6 +28,7 @@ ORDER = [
     "scene_parts",
     "scene_range",
     "spread",
+    "wrench",
     "track",
     "plausibility",
     "recording",
