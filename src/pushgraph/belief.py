@@ -15,7 +15,6 @@ from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
-from pushgraph.graph.state import State
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.mass_chains import MassAnswer, MassChains
 from pushgraph.mass_memory import MassMemory
@@ -24,6 +23,7 @@ from pushgraph.mass_memory import observe as observe_masses
 from pushgraph.mass_prior import MASS_CLASSES, MassClass
 from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
 from pushgraph.network.compiled.in_reach import bodies_in_reach
+from pushgraph.network.dynamics import Foresight
 
 CHUNK = 256
 """Scene-frames whose evidence is computed together."""
@@ -34,7 +34,8 @@ STRANGERS = 0.999
 class Watch(NamedTuple):
     """Scenes being watched, with what is believed of them.
 
-    begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known.
+    begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known. probabilities:
+    of every joint, if they were asked for.
     """
 
     view: View
@@ -42,6 +43,7 @@ class Watch(NamedTuple):
     objects: Float[Tensor, "bodies state"]
     begun: Bool[Tensor, "batch pairs"]
     masses: MassMemory | None
+    probabilities: Float[Tensor, "batch pairs joints"] | None = None
 
 
 class BeliefModel:
@@ -123,38 +125,41 @@ class BeliefModel:
         return begin_masses(scenes, poses, chains) if chains.priors.free[:, :-1].any() else None
 
     def _learn(self, watch: Watch, view: View, frame: Frame, wrench: Tensor | None) -> Watch:
-        evidence = evidence_of(self.network, self.dynamics, frame)
+        foresight = self.dynamics.foresee(frame.before, frame.control)
+        evidence = evidence_from(self.network, frame, foresight)
         rows = Rows.of(evidence.active, frame.first.shape[1])
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
         memory = self.network.step(memory, rows, encoded, torch.ones_like(rows.scene, dtype=torch.bool))
         relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
-        begun, masses = watch.begun | evidence.active, watch.masses
-        watch = Watch(view, relations, memory.objects, begun, masses)
-        if masses is not None:
-            wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
-            believed = self._believed(watch).relations
-            masses = observe_masses(masses, self.network.mass_noise, self.dynamics, frame, view, believed, wrench)
-        return watch._replace(masses=masses)
+        watch = Watch(view, relations, memory.objects, watch.begun | evidence.active, watch.masses)
+        return watch if watch.masses is None else self._weigh(watch, frame, foresight.motion, wrench)
 
-    def _believed(self, watch: Watch) -> State:
-        """The scenes with the likeliest joint of every pair."""
-        state = watch.view.state
-        if not watch.begun.any():
-            return state
-        kind = self.probabilities(watch).argmax(-1)
-        return believe(state, kind, watch.view.fits) if kind.any() else state
+    def _weigh(self, watch: Watch, frame: Frame, motion: Tensor, wrench: Tensor | None) -> Watch:
+        """Learn about masses from a frame, bodies being joined as is likeliest."""
+        view, probabilities = watch.view, self.probabilities(watch)
+        state, kind = view.state, probabilities.argmax(-1)
+        if (kind != state.relations.kind).any():
+            state = believe(state, kind, view.fits)
+        wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
+        network = self.network.mass_noise
+        masses = observe_masses(
+            watch.masses, network, self.dynamics, frame, view, motion, state.double().relations, wrench
+        )
+        return watch._replace(masses=masses, probabilities=probabilities)
 
     @torch.inference_mode()
     def masses(self, watch: Watch) -> MassAnswer:
         """What is believed of masses; raises BeliefError if this belief says nothing of them."""
         if watch.masses is None:
             raise BeliefError("no mass is unknown, or this belief says nothing of masses")
-        return watch.masses.chains.answer(watch.masses.evidence(), watch.view.state.scenes)
+        return watch.masses.chains.answer(watch.masses.evidence, watch.view.state.scenes)
 
     @torch.inference_mode()
     def probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
         """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
+        if watch.probabilities is not None:
+            return watch.probabilities
         bodies = watch.view.first.shape[1]
         rows = Rows.of(watch.begun, bodies)
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
@@ -175,7 +180,11 @@ def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = N
 
 def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:
     """What a frame tells a belief network about every pair."""
-    foresight = dynamics.foresee(frame.before, frame.control)
+    return evidence_from(network, frame, dynamics.foresee(frame.before, frame.control))
+
+
+def evidence_from(network: nn.Module, frame: Frame, foresight: Foresight) -> Evidence:
+    """The same, given what was foreseen."""
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
     evidence = network.evidence(frame, foresight._replace(motion=motion))
     return evidence._replace(active=evidence.active & frame.in_sight)

@@ -8,17 +8,17 @@ Poses of a camera are noisy, so bodies are tracked: each starts from a mean of w
 seen (a Kalman filter), and what masses have to do with that is carried along.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.mass_evidence import Linearized, linearize
+from pushgraph.graph.mass_evidence import Linearized, Rows, linearize, moving
 from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, map_tensors
-from pushgraph.graph.state import Control, State
+from pushgraph.graph.state import Control
 from pushgraph.graph.watching import Frame, View
 from pushgraph.mass_chains import MassChains
 from pushgraph.network.mass_noise import Evidence, MassNoise
@@ -56,34 +56,61 @@ class Seen(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Frames that are looked at again, KEPT of each scene, one scene after the other. worth: zero of empty places."""
+    """Frames that are looked at again, KEPT of each scene, one scene after the other.
+
+    moves: bodies that took part. number: of the frame. worth: how much they tell; zero of empty places.
+    """
 
     tracked: Tracked
+    moves: Bool[Tensor, "places bodies"]
     control: Control
     seen: Seen
+    number: Int[Tensor, " places"]
     evidence: Evidence
     worth: Float[Tensor, " places"]
+
+
+class Looked(NamedTuple):
+    """Frames that were looked at, for the first time or again: all that their evidence is made from.
+
+    scene, number: whose frames, and which. log_mass: as assumed. step: how far the tool moved (m). camera: see
+    `camera_of`.
+    """
+
+    scene: Int[Tensor, " rows"]
+    number: Int[Tensor, " rows"]
+    linearized: Linearized
+    tracked: Tracked
+    seen: Seen
+    log_mass: Float[Tensor, "rows variables"]
+    step: Float[Tensor, " rows"]
+    camera: Float[Tensor, "rows 2"]
+
+    def surprises(self, network: MassNoise) -> "Surprises":
+        """How far bodies were from where they were expected."""
+        return surprises(network, self.linearized, self.tracked, self.seen.poses, self.step, self.camera)
+
+    def evidence(self, network: MassNoise, off: "Surprises") -> Evidence:
+        """What the frames tell about masses."""
+        moved = network.evidence(self.linearized, off.surprise, off.expected + off.observed, self.log_mass)
+        felt = network.wrench_evidence(self.linearized, self.seen.wrench, self.log_mass)
+        return map_tensors(lambda one, other: one + other, moved, felt)
 
 
 class MassMemory(NamedTuple):
     """What is remembered of the masses of scenes.
 
     log_mass: logarithms of masses, and last of the table's friction, as assumed. settled: evidence that is not looked
-    at again. frames: observed so far.
+    at again. evidence: all of it. frames: observed so far.
     """
 
     log_mass: Float[Tensor, "batch variables"]
     tracked: Tracked
     kept: Kept
     settled: Evidence
+    evidence: Evidence
     chains: MassChains
     frames: int
-
-    def evidence(self) -> Evidence:
-        """All of it."""
-        batch = len(self.log_mass)
-        of_kept = (values.unflatten(0, (batch, KEPT)).sum(1) for values in self.kept.evidence)
-        return Evidence(*(old + new for old, new in zip(self.settled, of_kept, strict=True)))
 
 
 def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: MassChains) -> MassMemory:
@@ -96,9 +123,9 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     nothing = poses.new_zeros(batch)
     control = Control(still[:, 0], still[:, 0], still[:, 0], nothing > 0, nothing + 1, nothing + 1, nothing + torch.inf)
     empty = Evidence(poses.new_zeros(batch, variables, variables), poses.new_zeros(batch, variables))
-    one = Kept(tracked, control, Seen(poses, torch.full_like(still[:, 0], torch.nan)), empty, nothing)
+    one = Kept(tracked, poses[..., 0] > torch.inf, control, Seen(poses, torch.full_like(still[:, 0], torch.nan)), nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
-    return MassMemory(chains.mean(), tracked, kept, empty, chains, 0)
+    return MassMemory(chains.mean(), tracked, kept, empty, empty, chains, 0)
 
 
 def observe(
@@ -107,60 +134,66 @@ def observe(
     dynamics: nn.Module,
     frame: Frame,
     view: View,
+    motion: Float[Tensor, "batch bodies 3"],
     relations: Relations,
     wrench: Float[Tensor, "batch 3"],
+    tell: Callable[[Looked], None] = lambda looked: None,
 ) -> MassMemory:
-    """Learn from a frame. relations: joints as they are believed. view: of the frame."""
+    """Learn from a frame.
+
+    view: of the frame. motion: about as it was foreseen. relations: joints as they are believed. tell: is called with
+    the frames that were looked at.
+    """
     control = of_frame(frame.control)
     telling = control.down & (control.motion != 0).any(-1)
     seen = seen_in(view, wrench)
+    memory = memory._replace(frames=memory.frames + 1)
     if not telling.any():
-        tracked = rested(memory.tracked, view, frame, torch.ones_like(view.seen))
-        return memory._replace(tracked=tracked, frames=memory.frames + 1)
+        return memory._replace(tracked=rested(memory.tracked, view, frame, torch.ones_like(view.seen)))
 
     batch = len(memory.log_mass)
-    scenes, still = frame.before.scenes, frame.before.still
-    state = State(scenes, memory.tracked.poses, memory.tracked.motions, relations, still)
     again = _next_kept(memory, telling)
-    scene = again // KEPT
     old = map_tensors(lambda values: values[again], memory.kept)
-    then = map_tensors(lambda values: values[scene], state)._replace(poses=old.tracked.poses, motions=old.tracked.motions)
-    rows = torch.cat((torch.arange(batch), scene))
-    log_mass = memory.log_mass[rows]
+    scene = torch.cat((torch.arange(batch), again // KEPT))
+    moves = torch.cat((moving(motion, memory.tracked.sensitivity), old.moves))
+    tracked = concatenate((memory.tracked, old.tracked))
+    controls, both = concatenate((control, old.control)), concatenate((seen, old.seen))
+    log_mass = memory.log_mass[scene]
     linearized = linearize(
         dynamics,
-        concatenate((state, then)),
-        concatenate((control, old.control)),
+        frame.before.double()._replace(relations=relations),
+        controls,
+        Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves),
         log_mass,
-        _spread(memory.evidence())[rows],
-        torch.cat((memory.tracked.sensitivity, old.tracked.sensitivity)),
+        _spread(memory.evidence)[scene],
     )
-    tracked = concatenate((memory.tracked, old.tracked))
-    both_seen = concatenate((seen, old.seen))
-    step = torch.cat((control.motion, old.control.motion))[:, :2].norm(dim=-1)
-    surprise, expected, observed = surprises(network, linearized, tracked, both_seen.poses, step, camera_of(frame)[rows])
-    evidence = network.evidence(linearized, surprise, expected + observed, log_mass)
-    force = network.wrench_evidence(linearized, both_seen.wrench, log_mass)
-    evidence = Evidence(*((one + other).detach() for one, other in zip(evidence, force, strict=True)))
+    now = torch.full((batch,), memory.frames)
+    looked = Looked(
+        *(scene, torch.cat((now, old.number)), linearized, tracked, both, log_mass),
+        *(controls.motion[:, :2].norm(dim=-1), camera_of(frame)[scene]),
+    )
+    tell(looked)
+    off = looked.surprises(network)
+    evidence = map_tensors(Tensor.detach, looked.evidence(network, off))
 
-    kept = memory.kept._replace(
-        evidence=Evidence(
-            *(values.index_copy(0, again, new[batch:]) for values, new in zip(memory.kept.evidence, evidence, strict=True))
-        ),
-        worth=memory.kept.worth.index_copy(0, again, worth_of(evidence)[batch:].clamp(min=1e-9)),
+    newest, looked_again = (map_tensors(lambda values, rows=rows: values[rows], evidence) for rows in _split(batch))
+    put = map_tensors(lambda values, new: values.index_copy(0, again, new), memory.kept.evidence, looked_again)
+    worth = memory.kept.worth.index_copy(0, again, worth_of(looked_again).clamp(min=TELLING))
+    kept, settled = _keep(
+        memory.kept._replace(evidence=put, worth=worth),
+        memory.settled,
+        Kept(memory.tracked, moves[:batch], control, seen, now, newest, worth_of(newest)),
+        telling,
     )
-    newest = Kept(memory.tracked, control, seen, Evidence(*(values[:batch] for values in evidence)), memory.kept.worth[:0])
-    kept, settled = _keep(kept, memory.settled, newest, telling)
-    memory = memory._replace(kept=kept, settled=settled, frames=memory.frames + 1)
+    total = map_tensors(lambda old, values: old + values.unflatten(0, (batch, KEPT)).sum(1), settled, kept.evidence)
 
     first = map_tensors(lambda values: values[:batch], linearized)
-    now = track(memory.tracked, first, surprise[:batch], expected[:batch], observed[:batch])
-    changed = telling.clone()
-    changed[scene] = True
-    chains = memory.chains.sweep(memory.evidence(), changed, memory.frames)
-    log_mass = torch.where(changed[:, None], chains.mean(), memory.log_mass)
-    now = now._replace(poses=now.poses + shift(now.sensitivity, log_mass - memory.log_mass))
-    return memory._replace(log_mass=log_mass, tracked=rested(now, view, frame, ~telling[:, None]), chains=chains)
+    after = track(memory.tracked, first, map_tensors(lambda values: values[:batch], off))
+    chains = memory.chains.sweep(total, telling, memory.frames)
+    log_mass = torch.where(telling[:, None], chains.mean(), memory.log_mass)
+    after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
+    after = rested(after, view, frame, ~telling[:, None])
+    return MassMemory(log_mass, after, kept, settled, total, chains, memory.frames)
 
 
 def of_frame(control: Control) -> Control:
@@ -177,6 +210,15 @@ def seen_in(view: View, wrench: Float[Tensor, "batch 3"]) -> Seen:
     return Seen(torch.cat((poses[..., :2], yaw[..., None]), -1), wrench.double())
 
 
+class Surprises(NamedTuple):
+    """How far bodies were from where they were expected (turns at LEVER, m; NaN where not seen); variances of what was
+    expected, and of what was seen (m^2)."""
+
+    surprise: Float[Tensor, "batch bodies 3"]
+    expected: Float[Tensor, "batch bodies 3"]
+    observed: Float[Tensor, "batch bodies 3"]
+
+
 def surprises(
     network: MassNoise,
     linearized: Linearized,
@@ -184,28 +226,21 @@ def surprises(
     seen: Float[Tensor, "batch bodies 3"],
     step: Float[Tensor, " batch"],
     camera: Float[Tensor, "batch 2"],
-) -> tuple[Float[Tensor, "batch bodies 3"], ...]:
-    """How far bodies were from where they were expected (turns at LEVER, m); variances of what was expected, and of
-    what was seen (m^2)."""
+) -> Surprises:
+    """Of a step. step: how far the tool moves (m). camera: see `camera_of`."""
     off = seen - tracked.poses - linearized.motion
     surprise = torch.cat((off[..., :2], wrap_angle(off[..., 2:]) * LEVER), -1)
     noise = network.noise(step, linearized, tracked.variance[..., 0], camera)
     expected = tracked.variance + torch.cat((noise[..., :1].expand(*noise.shape[:-1], 2), noise[..., 1:]), -1)
     of_camera = camera.square()[:, None, [0, 0, 1]] + MEASURED
-    return surprise, expected, of_camera.expand_as(surprise)
+    return Surprises(surprise, expected, of_camera.expand_as(surprise))
 
 
-def track(
-    tracked: Tracked,
-    linearized: Linearized,
-    surprise: Float[Tensor, "batch bodies 3"],
-    expected: Float[Tensor, "batch bodies 3"],
-    observed: Float[Tensor, "batch bodies 3"],
-) -> Tracked:
+def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
     """Where bodies are, from where they were expected and where they were seen."""
-    expected = expected.detach()
-    gain = torch.where(surprise.isfinite(), expected / (expected + observed), 0.0)
-    off = torch.nan_to_num(surprise) * gain / surprise.new_tensor([1.0, 1.0, LEVER])
+    expected = off.expected.detach()
+    gain = torch.where(off.surprise.isfinite(), expected / (expected + off.observed), 0.0)
+    off = torch.nan_to_num(off.surprise) * gain / expected.new_tensor([1.0, 1.0, LEVER])
     motions = linearized.motion + off
     left = (1 - gain)[..., None] * linearized.sensitivity
     return Tracked(tracked.poses + motions, motions, left, (1 - gain) * expected)
@@ -241,6 +276,11 @@ def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
 
 
+def _split(batch: int) -> tuple[slice, slice]:
+    """Rows of the newest frames, and of those that are looked at again."""
+    return slice(batch), slice(batch, None)
+
+
 def _spread(evidence: Evidence) -> Float[Tensor, "batch variables"]:
     """How uncertain each variable is, given all others."""
     known = evidence.information.diagonal(dim1=-2, dim2=-1)
@@ -258,22 +298,17 @@ def _next_kept(memory: MassMemory, telling: Bool[Tensor, " batch"]) -> Tensor:
 def _keep(kept: Kept, settled: Evidence, newest: Kept, telling: Bool[Tensor, " batch"]) -> tuple[Kept, Evidence]:
     """Keep the newest frame in the place of the least telling; what tells least is settled."""
     batch = len(telling)
-    worth = worth_of(newest.evidence)
     least, place = kept.worth.unflatten(0, (batch, KEPT)).min(1)
     places = place + KEPT * torch.arange(batch)
-    enters = telling & (worth > TELLING) & (worth > least)
+    enters = telling & (newest.worth > TELLING) & (newest.worth > least)
+
+    def settle(old: Tensor, leaving: Tensor, new: Tensor) -> Tensor:
+        goes = torch.where(_like(enters, old), leaving[places], new)
+        return old + torch.where(_like(telling, old), goes, 0.0)
+
+    settled = map_tensors(settle, settled, kept.evidence, newest.evidence)
     chosen = places[enters]
-    leaving = Evidence(*(values[places] for values in kept.evidence))
-    stays = telling & ~enters
-    settled = Evidence(
-        *(
-            old + torch.where(_like(enters, old), left, 0.0) + torch.where(_like(stays, old), new, 0.0)
-            for old, left, new in zip(settled, leaving, newest.evidence, strict=True)
-        )
-    )
-    newest = newest._replace(worth=worth)
-    kept = map_tensors(lambda old, new: old.index_copy(0, chosen, new[enters].to(old.dtype)), kept, newest)
-    return kept, settled
+    return map_tensors(lambda old, new: old.index_copy(0, chosen, new[enters]), kept, newest), settled
 
 
 def _like(chosen: Bool[Tensor, " batch"], values: Tensor) -> Tensor:

@@ -16,21 +16,21 @@ from pushgraph.believed_mass import BelievedMass, Interval
 from pushgraph.body import ROBOT, Joint
 from pushgraph.contact import contact_between
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import BeliefError
+from pushgraph.errors import BeliefError, TrackError
 from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
 from pushgraph.mass_chains import LEVELS
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import OVERLAP, Scene
 from pushgraph.shape import Polygon, rounded_boxes, take
+from pushgraph.track import FRAME
+from pushgraph.wrench import check_measured
 
 LONGEST_JUMP = 0.2
 """A body that moves farther than this in a frame (m) was mistaken for another; a tool that does was lifted."""
 LEAST_ROOM = 1e-3
 """A joint at its limit still has this room (m or rad): what was seen beyond the limit is noise."""
 PARTING_ROUNDS = 100
-MOST_FORCE = 1000.0
-"""A sensor that says more (N or N m) says it in other units."""
 
 
 class BeliefRegulator:
@@ -81,14 +81,18 @@ class BeliefRegulator:
         """Learn from one frame, 0.05 s after the last: pose_world_from_tool, then pose_world_from_body in order.
 
         A body that was not seen has NaN for x and y; a yaw that cannot be known may be NaN. `down`: whether the tool
-        is down on the table; a tool that jumps was lifted meanwhile. `pushgraph.Track.frames` yields both. `wrench`: what
-        the bodies exert on the tool, if a sensor measures it: force (N, world frame) and moment about the tool's origin
-        (N m), on average since the last frame; NaN where it said nothing. Returns probabilities; columns in the order
-        of JOINT_CODES: none, fixed, prismatic, revolute. Raises BeliefError, and learns nothing, if a pose is not finite
-        or a body jumped, or a wrench cannot be.
+        is down on the table; a tool that jumps was lifted meanwhile. `pushgraph.Track.frames` yields both. `wrench`:
+        what the bodies exert on the tool, if a sensor measures it: force (N, world frame) and moment about the tool's
+        origin (N m), on average since the last frame; NaN where it said nothing. Returns probabilities; columns in the
+        order of JOINT_CODES: none, fixed, prismatic, revolute. Raises BeliefError, and learns nothing, if a pose is not
+        finite, a body jumped, or no sensor gives such a wrench.
         """
         if wrench is not None:
-            wrench = self._checked_wrench(np.asarray(wrench, dtype=float))
+            wrench = np.asarray(wrench, dtype=float)
+            try:
+                check_measured(wrench[None], np.array([self.frames * FRAME]))
+            except TrackError as error:
+                raise BeliefError(str(error)) from None
         poses, seen = self._checked(np.array(poses, dtype=float))
         lifted = np.hypot(*(poses[0] - self._poses[0])[:2]) > LONGEST_JUMP
         room = self._scenes.mass.shape[1]
@@ -160,7 +164,7 @@ class BeliefRegulator:
             return []
         with single_threaded():
             answer = self.model.masses(watch)
-            group = watch.masses.chains.groups(watch.masses.evidence())[0]
+            group = watch.masses.chains.groups(watch.masses.evidence)[0]
         names, classes = self.original.names, [one.name for one in self._classes[0]]
         free = watch.masses.chains.priors.free[0]
         weights = answer.samples[0].exp().numpy()
@@ -182,18 +186,6 @@ class BeliefRegulator:
                 )
             )
         return believed
-
-    def _checked_wrench(self, wrench: np.ndarray) -> np.ndarray:
-        if wrench.shape != (3,):
-            raise BeliefError(f"wrench: shape must be (3,): force x, y (N), moment (N m); got {wrench.shape}")
-        if np.isnan(wrench).all():
-            return wrench
-        if not np.isfinite(wrench).all() or np.abs(wrench).max() > MOST_FORCE:
-            raise BeliefError(
-                f"wrench in frame {self.frames} is {wrench.tolist()}: it must be finite and at most {MOST_FORCE:g} N and "
-                "N m, or NaN in all three where it was not measured"
-            )
-        return wrench
 
     @property
     def _watched(self) -> Watch:

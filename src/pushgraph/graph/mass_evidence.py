@@ -7,13 +7,13 @@ sensitivity of tracked poses is carried from step to step.
 from typing import NamedTuple, Protocol
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.graph.state import Control, State
-from pushgraph.graph.tool_wrench import wrench_on_tool
+from pushgraph.graph.tool_wrench import ToolWrench, wrench_on_tool
 
 MOVES = 1e-4
 """What moves by less than this in a step (m) rests."""
@@ -39,7 +39,7 @@ class Linearized(NamedTuple):
 
     motion: as predicted (m, rad). sensitivity: of poses after the step, turns at LEVER (m). curvature: squared length
     of what the sensitivity misses (m^2). moves: bodies that take part. wrench: on the tool (N, N m), with its
-    sensitivity and what that misses.
+    sensitivity, what that misses, and the force that is doubtful (N).
     """
 
     motion: Float[Tensor, "batch bodies 3"]
@@ -49,58 +49,75 @@ class Linearized(NamedTuple):
     wrench: Float[Tensor, "batch 3"]
     wrench_sensitivity: Float[Tensor, "batch 3 variables"]
     wrench_curvature: Float[Tensor, "batch 3"]
+    wrench_doubt: Float[Tensor, " batch"]
+
+
+class Rows(NamedTuple):
+    """Steps side by side, one or several of each scene. carried: sensitivity of the poses at their beginning (m, turns
+    at LEVER). moves: bodies that take part."""
+
+    scene: Int[Tensor, " rows"]
+    poses: Float[Tensor, "rows bodies 3"]
+    motions: Float[Tensor, "rows bodies 3"]
+    carried: Float[Tensor, "rows bodies 3 variables"]
+    moves: Bool[Tensor, "rows bodies"]
 
 
 def linearize(
     dynamics: Dynamics,
     state: State,
     control: Control,
-    log_mass: Float[Tensor, "batch variables"],
-    spread: Float[Tensor, "batch variables"],
-    carried: Float[Tensor, "batch bodies 3 variables"],
+    rows: Rows,
+    log_mass: Float[Tensor, "rows variables"],
+    spread: Float[Tensor, "rows variables"],
 ) -> Linearized:
-    """Predict a step with the assumed masses, and with that of every body that moves larger and smaller by `spread`.
+    """Predict steps with assumed masses, and with that of every body that moves larger and smaller by `spread`.
 
-    carried: sensitivity of the poses of `state`.
+    state: of the scenes; poses and motions are those of the rows. control: of the rows.
     """
-    bodies = state.poses.shape[1]
-    assumed = with_masses(state, log_mass)
-    motion = dynamics(assumed, control).motion
-    moves = (motion[..., :2].norm(dim=-1) > MOVES) | (carried.abs().amax((2, 3)) > SENSED)
-    wrench = _wrench(assumed, motion, control)
-    taking_part = moves & state.scenes.present & ~state.scenes.immovable
-    scene, body = taking_part.nonzero(as_tuple=True)
-    scale = motion.new_tensor([1.0, 1.0, LEVER])
-    sensitivity = torch.zeros_like(carried)
-    curvature, wrench_curvature = torch.zeros_like(motion[..., 0]), torch.zeros_like(wrench)
+    bodies, count = rows.poses.shape[1], len(rows.scene)
+    scenes = state.scenes
+    taking_part = rows.moves & (scenes.present & ~scenes.immovable)[rows.scene]
+    row, body = taking_part.nonzero(as_tuple=True)
+    scale = rows.poses.new_tensor([1.0, 1.0, LEVER])
+    step = spread[row, body]
+    everyone = torch.cat((torch.arange(count), row, row))
+    masses, poses = log_mass[everyone], rows.poses[everyone]
+    offset = rows.carried[row, :, :, body] / scale * step[:, None, None]
+    varied = torch.arange(count, len(everyone))
+    masses[varied, body.repeat(2)] += torch.cat((step, -step))
+    offset = torch.cat((torch.zeros_like(rows.poses), offset, -offset))
+    of_scenes = map_tensors(lambda values: values[rows.scene[everyone]], state)
+    steps = map_tensors(lambda values: values[everyone], control)
+    around = with_masses(of_scenes._replace(poses=poses + offset, motions=rows.motions[everyone]), masses)
+    motions = dynamics(around, steps).motion
+    wrenches, doubts = _wrench(around, motions, steps)
+    ends = (motions + offset) * scale
+
+    (motion, larger, smaller), sizes = ends.split((count, len(row), len(row))), 2 * step
+    sensitivity = torch.zeros_like(rows.carried)
+    sensitivity[row, :, :, body] = (larger - smaller) / sizes[:, None, None]
+    missed = ((larger + smaller) / 2 - motion[row]).square().sum(-1)
+    curvature = torch.zeros_like(motion[..., 0]).index_add(0, row, missed)
+    # All masses twice as large move alike: what is left of the sum comes from the finite differences.
+    share = taking_part / taking_part.sum(1, keepdim=True).clamp(min=1)
+    sensitivity[..., :bodies] -= sensitivity.sum(-1, keepdim=True) * share[:, None, None]
+
+    wrench, larger, smaller = wrenches.split((count, len(row), len(row)))
     wrench_sensitivity = wrench.new_zeros(*wrench.shape, log_mass.shape[1])
     wrench_sensitivity[..., -1] = wrench
-    if not len(scene):
-        return Linearized(motion, carried, curvature, moves, wrench, wrench_sensitivity, wrench_curvature)
+    wrench_sensitivity[row, :, body] = (larger - smaller) / sizes[:, None]
+    missed = ((larger + smaller) / 2 - wrench[row]).square()
+    wrench_curvature = torch.zeros_like(wrench).index_add(0, row, missed)
+    felt = wrench, wrench_sensitivity, wrench_curvature, doubts[:count]
+    return Linearized(motion / scale, sensitivity, curvature, rows.moves, *felt)
 
-    step = spread[scene, body]
-    varied = log_mass[scene].repeat(2, 1)
-    varied[torch.arange(2 * len(scene)), body.repeat(2)] += torch.cat((step, -step))
-    offset = carried[scene, :, :, body] / scale * step[:, None, None]
-    offset = torch.cat((offset, -offset))
-    both = scene.repeat(2)
-    state, control = (map_tensors(lambda values: values[both], batch) for batch in (state, control))
-    around = with_masses(state._replace(poses=state.poses + offset), varied)
-    moved = dynamics(around, control).motion
-    larger, smaller = ((moved + offset) * scale).chunk(2)
-    sensitivity[scene, :, :, body] = (larger - smaller) / (2 * step)[:, None, None]
-    missed = (larger + smaller) / 2 - motion[scene] * scale
-    curvature = curvature.index_add(0, scene, missed.square().sum(-1))
-    # All masses twice as large move alike: what is left of the sum comes from the finite differences.
-    count = taking_part.sum(1).clamp(min=1)
-    sensitivity[..., :bodies] -= (sensitivity.sum(-1) / count[:, None, None])[..., None] * taking_part[:, None, None]
 
-    felt = _wrench(around, moved, control)
-    larger, smaller = felt.chunk(2)
-    wrench_sensitivity[scene, :, body] = (larger - smaller) / (2 * step)[:, None]
-    missed = (larger + smaller) / 2 - wrench[scene]
-    wrench_curvature = wrench_curvature.index_add(0, scene, missed.square())
-    return Linearized(motion, sensitivity, curvature, moves, wrench, wrench_sensitivity, wrench_curvature)
+def moving(
+    motion: Float[Tensor, "batch bodies 3"], carried: Float[Tensor, "batch bodies 3 variables"]
+) -> Bool[Tensor, "batch bodies"]:
+    """Bodies that take part in a step: they move, or masses have to do with where they are."""
+    return (motion[..., :2].norm(dim=-1) > MOVES) | (carried.abs().amax((2, 3)) > SENSED)
 
 
 def with_masses(state: State, log_mass: Float[Tensor, "batch variables"]) -> State:
@@ -111,6 +128,6 @@ def with_masses(state: State, log_mass: Float[Tensor, "batch variables"]) -> Sta
     return state._replace(scenes=scenes._replace(mass=mass, table_friction=friction))
 
 
-def _wrench(state: State, motion: Float[Tensor, "batch bodies 3"], control: Control) -> Float[Tensor, "batch 3"]:
+def _wrench(state: State, motion: Float[Tensor, "batch bodies 3"], control: Control) -> ToolWrench:
     middle = control.pose + control.motion / 2
     return wrench_on_tool(state.scenes, state.poses, state.motions, motion, middle)

@@ -1,5 +1,7 @@
 """What bodies exert on the tool, from how they move: friction with the table and inertia, as Newton's laws have it."""
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -11,6 +13,19 @@ GRAVITY = 9.81
 FRAME_SECONDS = 0.05
 LEAST_SLIP = 1e-5
 """Feet that slip less than this in a frame (m) bear less than their full friction."""
+CREEP = 3e-4
+"""Bodies that move less than this in a frame (m) may be held by less than their full friction."""
+
+
+class ToolWrench(NamedTuple):
+    """What bodies exert on the tool.
+
+    wrench: force (N, world frame) and moment about the tool's origin (N m), on average over a frame. doubt: force that
+    may as well be missing (N): of bodies that hardly move, and of those that get faster, maybe within the frame.
+    """
+
+    wrench: Float[Tensor, "batch 3"]
+    doubt: Float[Tensor, " batch"]
 
 
 def wrench_on_tool(
@@ -19,8 +34,8 @@ def wrench_on_tool(
     last_motions: Float[Tensor, "batch bodies 3"],
     motions: Float[Tensor, "batch bodies 3"],
     tool: Float[Tensor, "batch 3"],
-) -> Float[Tensor, "batch 3"]:
-    """Force (N, world frame) and moment about the tool's origin (N m), on average over a frame.
+) -> ToolWrench:
+    """From how bodies move in a frame.
 
     poses: at its beginning. last_motions, motions: how they changed in the frame before and change in this one. tool:
     pose_world_from_tool in its middle. The bodies' masses and the table's friction are those of `scenes`.
@@ -41,4 +56,8 @@ def wrench_on_tool(
     torque = torque + mass * scenes.gyration.to(poses.dtype) * acceleration[..., 2]
     x, y = (middle[..., axis] - tool[:, None, axis] for axis in (0, 1))
     moment = x * force_y - y * force_x + torque
-    return -torch.stack((force_x.sum(1), force_y.sum(1), moment.sum(1)), -1)
+    inertia = mass * acceleration[..., :2].norm(dim=-1)
+    way = motions[..., :2].norm(dim=-1)
+    creeping = torch.where(way > LEAST_SLIP, weight * torch.exp(-way / CREEP), 0.0)
+    wrench = -torch.stack((force_x.sum(1), force_y.sum(1), moment.sum(1)), -1)
+    return ToolWrench(wrench, inertia.sum(1) + creeping.sum(1))

@@ -22,14 +22,16 @@ FLOOR, OF_STEP, OF_MOTION = 3e-4, 0.1, 0.05
 """The noise from which the network starts: this much (m), and shares of the tool's step and of the body's motion."""
 WIDEST = 6.0
 """The network changes the logarithm of a variance by at most this."""
-FORCE, MOMENT, OF_WRENCH = 0.3, 0.01, 0.05
-"""Noise of a force sensor (N, N m), and of what is predicted before training, as a share of the force."""
+FORCE, MOMENT = 0.3, 0.01
+"""Noise of a force sensor (N, N m)."""
+OF_WRENCH, OF_DOUBT = 0.02, 1.0
+"""Noise of a predicted force before training, as shares of it and of what is doubtful of it."""
 WRENCH_LEVER = 0.05
 """Moments are predicted about as exactly as forces at this distance (m)."""
 CONSTANTS = {
     "unit": UNIT,
     "floor": [FLOOR, OF_STEP, OF_MOTION],
-    "wrench": [FORCE, MOMENT, OF_WRENCH, WRENCH_LEVER],
+    "wrench": [FORCE, MOMENT, OF_WRENCH, OF_DOUBT, WRENCH_LEVER],
 }
 
 
@@ -63,6 +65,8 @@ class MassNoise(nn.Module):
         """Logarithm of what evidence is worth: errors of successive frames are alike."""
         self.log_of_wrench = nn.Parameter(torch.tensor([OF_WRENCH]).log())
         """Logarithm of the noise of a predicted wrench, as a share of the force."""
+        self.log_of_doubt = nn.Parameter(torch.tensor([OF_DOUBT]).log())
+        """The same, as a share of the force that is doubtful."""
         self.log_worth_of_wrench = nn.Parameter(torch.tensor([0.0]))
 
     def noise(
@@ -124,10 +128,12 @@ class MassNoise(nn.Module):
         """From what a force sensor said (N, N m; NaN where it said nothing)."""
         said = wrench.isfinite()
         off = torch.where(said, wrench - linearized.wrench, 0.0)
-        force = self.log_of_wrench.exp() * linearized.wrench[..., :2].norm(dim=-1, keepdim=True)
-        model = torch.cat((force, force, WRENCH_LEVER * force), -1)
+        force = self.log_of_wrench.exp() * linearized.wrench[..., :2].norm(dim=-1)
+        doubtful = self.log_of_doubt.exp() * linearized.wrench_doubt
+        model = force.square() + doubtful.square()
+        levers = wrench.new_tensor([1.0, 1.0, WRENCH_LEVER])
         sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])
-        variance = model.square() + sensor.square() + linearized.wrench_curvature
+        variance = model[..., None] * levers.square() + sensor.square() + linearized.wrench_curvature
         freedom = self.log_freedom.exp()
         weight = (freedom + 3) / (freedom + (off.square() / variance).sum(-1, keepdim=True))
         weight = weight * self.log_worth_of_wrench.exp()

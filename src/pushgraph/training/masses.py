@@ -1,7 +1,7 @@
 """What evidence about masses is worth, learnt from tracks whose masses are known.
 
-Tracks are watched with masses assumed that are off by a known amount, as those that a belief holds are; the loss is how
-surprising the true ones are, given the evidence and how far off they may be.
+Tracks are watched as a belief watches them; the loss is how surprising the true masses are, given all evidence as it
+was last computed, and what was known before.
 """
 
 from typing import NamedTuple
@@ -11,45 +11,44 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pushgraph.dataset.sequences import SequenceBatch
-from pushgraph.graph.mass_evidence import linearize
-from pushgraph.graph.scene_batch import SceneBatch, batch_scenes
-from pushgraph.graph.state import State
+from pushgraph.graph.scene_batch import SceneBatch, batch_scenes, concatenate, map_tensors
 from pushgraph.graph.watching import first_look, look
-from pushgraph.mass_memory import VARIED, Tracked, camera_of, of_frame, rested, seen_in, surprises, track
+from pushgraph.mass_chains import MassChains
+from pushgraph.mass_memory import PRIOR_SPREAD, Looked, begin, observe
+from pushgraph.mass_prior import MASS_CLASSES
 from pushgraph.network.compiled.in_reach import bodies_in_reach
 from pushgraph.network.mass_noise import Evidence, MassNoise
 from pushgraph.training.examples import mirror, mirror_scenes
 from pushgraph.training.watching import BLIND, CLEAN, NOISE
 
-OFF = (0.1, 1.0)
-"""Assumed masses are off by this much, a standard deviation of logarithms, drawn for each track."""
-ASKED_EVERY = 15
-"""Frames after which the loss asks again."""
 MEASURED = 0.5
 """Share of tracks in which forces are measured."""
 SENSOR = (0.3, 0.3, 0.01)
 """Standard deviations of a force sensor (N, N, N m)."""
+SHORTEST = 0.3
+"""Tracks are watched from this share of their frames up to all of them."""
+PRIOR_MEAN = 0.4
+"""Mean of the logarithm of a mass (kg) before anything is seen; see PRIOR_SPREAD."""
+FREEDOM = 4.0
+"""Degrees of freedom of the distribution that the loss takes masses to have: one bad track does not count too much."""
 
 
 class Weighed(NamedTuple):
-    """Tracks to learn from. assumed: logarithms of masses, and last of the table's friction. off: how far, as a standard
-    deviation. true: the true ones."""
+    """Tracks to learn from, all of whose masses are unknown. true: logarithms of masses, and of the table's friction."""
 
     scenes: SceneBatch
     poses: Float[Tensor, "batch frames bodies 3"]
     tool: Float[Tensor, "batch frames 3"]
     down: Bool[Tensor, "batch frames"]
     wrench: Float[Tensor, "batch frames 3"]
-    assumed: Float[Tensor, "batch variables"]
-    off: Float[Tensor, " batch"]
     true: Float[Tensor, "batch variables"]
 
 
 def weighed(sequences: SequenceBatch, generator: torch.Generator) -> Weighed:
-    """Sequences seen in a mirror or not, with noise and unknown yaws, with assumed masses and measured forces."""
+    """Sequences seen in a mirror or not, with noise and unknown yaws, and measured forces."""
     scenes = batch_scenes(sequences.scenes)
     poses, wrench = torch.from_numpy(sequences.poses).double(), torch.from_numpy(sequences.wrench).double()
-    batch = len(poses)
+    batch, frames = poses.shape[:2]
     sign = 1.0 - 2.0 * torch.randint(2, (batch,), generator=generator)
     scenes, poses = mirror_scenes(scenes, sign), mirror(poses, sign)
     wrench = wrench * torch.stack((torch.ones_like(sign), sign, sign), -1)[:, None]
@@ -60,69 +59,68 @@ def weighed(sequences: SequenceBatch, generator: torch.Generator) -> Weighed:
     no_yaw = share(BLIND)[:, None] & scenes.is_cylinder
     size = (torch.rand(batch, generator=generator) * ~share(CLEAN))[:, None, None, None]
     bodies = poses[:, :, 1:]
-    bodies = bodies + size * torch.randn(bodies.shape, generator=generator) * bodies.new_tensor([NOISE[0], *NOISE])
+    noise = torch.randn(bodies.shape, generator=generator) * bodies.new_tensor([NOISE[0], *NOISE])
     wrench = wrench + torch.randn(wrench.shape, generator=generator) * wrench.new_tensor(SENSOR)
     wrench = torch.where(share(MEASURED)[:, None, None], wrench, torch.nan)
     true = torch.cat((scenes.mass, scenes.table_friction[:, None]), 1).double().log()
-    off = OFF[0] + (OFF[1] - OFF[0]) * torch.rand(batch, generator=generator)
-    apart = torch.randn(true.shape, generator=generator) * off[:, None]
-    apart[:, -1] = 0.0
-    scenes = scenes._replace(yaw_known=scenes.yaw_known & ~no_yaw)
+    scenes = scenes._replace(
+        yaw_known=scenes.yaw_known & ~no_yaw, mass_known=torch.zeros_like(scenes.mass_known)
+    )
+    last = int(frames * (SHORTEST + (1 - SHORTEST) * float(torch.rand((), generator=generator)))) + 1
     down = torch.from_numpy(sequences.down)
-    return Weighed(scenes, bodies, poses[:, :, 0], down, wrench, true + apart, off.double(), true)
+    columns = (bodies + size * noise, poses[:, :, 0], down, wrench)
+    return Weighed(scenes, *(values[:, :last] for values in columns), true)
 
 
 def mass_loss(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Float[Tensor, ""]:
-    """How surprising the true masses are, on average over bodies and over moments of the tracks (nats)."""
-    scenes = tracks.scenes
-    everything = scenes.present
-    view, frame = first_look(scenes, tracks.poses[:, 0], tracks.tool[:, 0], tracks.down[:, 0], everything)
-    variables = tracks.assumed.shape[1]
-    poses = tracks.poses[:, 0]
-    tracked = Tracked(
-        poses, torch.zeros_like(poses), poses.new_zeros(*poses.shape, variables), torch.zeros_like(poses)
-    )
-    spread = tracks.off[:, None].expand_as(tracks.assumed).clamp(*VARIED)
-    information = poses.new_zeros(len(poses), variables, variables)
-    pull = poses.new_zeros(len(poses), variables)
-    losses = []
+    """How surprising the true masses are in the end, on average over bodies (nats)."""
+    looked = last_looks(network, dynamics, tracks)
+    evidence = looked.evidence(network, looked.surprises(network))
+    batch = len(tracks.true)
+
+    def of_scenes(values: Tensor) -> Tensor:
+        return values.new_zeros(batch, *values.shape[1:]).index_add(0, looked.scene, values)
+
+    return surprise(map_tensors(of_scenes, evidence), tracks)
+
+
+@torch.no_grad()
+def last_looks(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Looked:
+    """Watch tracks: every frame as it was looked at for the last time."""
+    scenes, seen = tracks.scenes, tracks.scenes.present
+    view, _ = first_look(scenes, tracks.poses[:, 0], tracks.tool[:, 0], tracks.down[:, 0], seen)
+    chains = MassChains.begin(scenes, [MASS_CLASSES] * len(tracks.true))
+    memory = begin(scenes, tracks.poses[:, 0], chains)
+    looks: list[Looked] = []
     for k in range(1, tracks.poses.shape[1]):
         columns = (values[:, k] for values in (tracks.poses, tracks.tool, tracks.down))
-        view, frame = look(view, *columns, everything, bodies_in_reach)
-        control = of_frame(frame.control)
-        telling = control.down & (control.motion != 0).any(-1)
-        if telling.any():
-            with torch.no_grad():
-                state = State(scenes, tracked.poses, tracked.motions, view.state.relations, frame.before.still)
-                linearized = linearize(dynamics, state, control, tracks.assumed, spread, tracked.sensitivity)
-            seen = seen_in(view, tracks.wrench[:, k])
-            step = control.motion[:, :2].norm(dim=-1)
-            surprise, expected, observed = surprises(network, linearized, tracked, seen.poses, step, camera_of(frame))
-            evidence = network.evidence(linearized, surprise, expected + observed, tracks.assumed)
-            force = network.wrench_evidence(linearized, seen.wrench, tracks.assumed)
-            evidence = Evidence(*(one + other for one, other in zip(evidence, force, strict=True)))
-            there = telling.to(poses.dtype)
-            information = information + there[:, None, None] * evidence.information
-            pull = pull + there[:, None] * evidence.pull
-            now = track(tracked, linearized, surprise, expected, observed)
-        else:
-            now = tracked
-        tracked = rested(now, view, frame, ~telling[:, None].expand_as(everything))
-        if k % ASKED_EVERY == 0:
-            losses.append(_surprise(Evidence(information, pull), tracks))
-    return torch.stack(losses).mean()
+        view, frame = look(view, *columns, seen, bodies_in_reach)
+        motion = dynamics(frame.before, frame.control).motion
+        relations = view.state.double().relations
+        memory = observe(
+            memory, network, dynamics, frame, view, motion, relations, tracks.wrench[:, k], looks.append
+        )
+    looked = concatenate(looks)
+    place = looked.scene * (memory.frames + 1) + looked.number
+    # Of equal places the last one written stays.
+    last = torch.full((int(place.max()) + 1,), -1).scatter_reduce(0, place, torch.arange(len(place)), "amax")
+    rows = last[last >= 0]
+    return map_tensors(lambda values: values[rows], looked)
 
 
-def _surprise(evidence: Evidence, tracks: Weighed) -> Float[Tensor, ""]:
+def surprise(evidence: Evidence, tracks: Weighed) -> Float[Tensor, ""]:
     """Of the true masses, under the evidence and what was known before."""
     bodies = tracks.true.shape[1] - 1
+    present = tracks.scenes.present
     information = evidence.information[:, :bodies, :bodies]
-    before = tracks.off**-2
-    whole = information + before[:, None, None] * torch.eye(bodies, dtype=information.dtype)
-    # About the assumed masses; the friction is known here.
-    pull = (evidence.pull - (evidence.information @ tracks.assumed[..., None])[..., 0])[:, :bodies]
-    apart = (tracks.true - tracks.assumed)[:, :bodies] - torch.linalg.solve(whole, pull)
+    whole = information + PRIOR_SPREAD**-2 * torch.eye(bodies, dtype=information.dtype)
+    # The friction is known here; masses are by the prior about their mean.
+    true = tracks.true
+    mean = torch.full_like(true[:, :bodies], PRIOR_MEAN)
+    about = torch.cat((mean, true[:, bodies:]), 1)
+    pull = (evidence.pull - (evidence.information @ about[..., None])[..., 0])[:, :bodies]
+    apart = torch.where(present, true[:, :bodies] - mean, 0.0) - torch.linalg.solve(whole, pull)
     squared = (apart[:, None] @ whole @ apart[..., None])[:, 0, 0]
-    gained = torch.logdet(whole) - bodies * before.log()
-    # A far-off track teaches no more than that it is far off.
-    return ((bodies + 4) / 2 * (squared / 4).log1p() - gained / 2).mean() / bodies
+    gained = torch.logdet(whole) + bodies * 2 * torch.tensor(PRIOR_SPREAD).log()
+    count = present.sum(1)
+    return (((count + FREEDOM) / 2 * (squared / FREEDOM).log1p() - gained / 2) / count).mean()
