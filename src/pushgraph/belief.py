@@ -16,7 +16,7 @@ from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
-from pushgraph.mass_chains import MassAnswer, MassChains
+from pushgraph.mass_chains import MassChains, MassPosterior
 from pushgraph.mass_memory import MassMemory
 from pushgraph.mass_memory import begin as begin_masses
 from pushgraph.mass_memory import observe as observe_masses
@@ -149,7 +149,7 @@ class BeliefModel:
         return watch._replace(masses=masses, probabilities=probabilities)
 
     @torch.inference_mode()
-    def masses(self, watch: Watch) -> MassAnswer:
+    def masses(self, watch: Watch) -> MassPosterior:
         """What is believed of masses; raises BeliefError if this belief says nothing of them."""
         if watch.masses is None:
             raise BeliefError("no mass is unknown, or this belief says nothing of masses")

@@ -26,7 +26,7 @@ LEVELS = (0.5, 0.16, 0.84)
 """Of a median, and of the ends of an interval that holds 68 %."""
 
 
-class MassAnswer(NamedTuple):
+class MassPosterior(NamedTuple):
     """What is believed of the mass of every body.
 
     probabilities: of the scene's classes. median, low, high: kg; low and high are the ends of the interval that holds
@@ -123,7 +123,7 @@ class MassChains(NamedTuple):
         moved, _ = self._moved(evidence, changed.numpy(), 1, number)
         return self._replace(samples=moved[-1])
 
-    def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassAnswer:
+    def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassPosterior:
         """What the chains say, after some moves more."""
         batch, bodies = scenes.mass.shape
         moves, histogram = self._moved(evidence, np.ones(batch, bool), ASKED, 0)
@@ -143,7 +143,7 @@ class MassChains(NamedTuple):
             for mass, slide in zip(quantiles, slides, strict=True)
         ]
         arrays = (probabilities, *quantiles, *slides, samples[..., :bodies])
-        return MassAnswer(*(torch.from_numpy(np.ascontiguousarray(values)) for values in arrays))
+        return MassPosterior(*(torch.from_numpy(np.ascontiguousarray(values)) for values in arrays))
 
     def _moved(
         self, evidence: Evidence, changed: Bool[np.ndarray, " batch"], moves: int, number: int

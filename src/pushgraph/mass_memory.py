@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.mass_evidence import Linearized, Rows, linearize, moving
 from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, map_tensors
-from pushgraph.graph.state import Control
+from pushgraph.graph.state import Control, State
 from pushgraph.graph.watching import Frame, View
 from pushgraph.mass_chains import MassChains
 from pushgraph.network.mass_noise import Evidence, MassNoise
@@ -93,17 +93,20 @@ class Looked(NamedTuple):
     def evidence(self, network: MassNoise, off: "Surprises") -> Evidence:
         """What the frames tell about masses."""
         moved = network.evidence(self.linearized, off.surprise, off.expected + off.observed, self.log_mass)
-        felt = network.wrench_evidence(self.linearized, self.seen.wrench, self.log_mass)
+        if self.linearized.felt is None:
+            return moved
+        felt = network.wrench_evidence(self.linearized.felt, self.seen.wrench, self.log_mass)
         return map_tensors(lambda one, other: one + other, moved, felt)
 
 
 class MassMemory(NamedTuple):
     """What is remembered of the masses of scenes.
 
-    log_mass: logarithms of masses, and last of the table's friction, as assumed. settled: evidence that is not looked
-    at again. evidence: all of it. frames: observed so far.
+    scenes: in float64. log_mass: logarithms of masses, and last of the table's friction, as assumed. settled: evidence
+    that is not looked at again. evidence: all of it. frames: observed so far.
     """
 
+    scenes: SceneBatch
     log_mass: Float[Tensor, "batch variables"]
     tracked: Tracked
     kept: Kept
@@ -125,7 +128,8 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     empty = Evidence(poses.new_zeros(batch, variables, variables), poses.new_zeros(batch, variables))
     one = Kept(tracked, poses[..., 0] > torch.inf, control, Seen(poses, torch.full_like(still[:, 0], torch.nan)), nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
-    return MassMemory(chains.mean(), tracked, kept, empty, empty, chains, 0)
+    scenes = map_tensors(lambda values: values.double() if values.is_floating_point() else values, scenes)
+    return MassMemory(scenes, chains.mean(), tracked, kept, empty, empty, chains, 0)
 
 
 def observe(
@@ -161,15 +165,16 @@ def observe(
     log_mass = memory.log_mass[scene]
     linearized = linearize(
         dynamics,
-        frame.before.double()._replace(relations=relations),
+        State(memory.scenes, tracked.poses, tracked.motions, relations, frame.before.still),
         controls,
         Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves),
         log_mass,
         _spread(memory.evidence)[scene],
+        felt=bool(both.wrench.isfinite().any()),
     )
-    now = torch.full((batch,), memory.frames)
+    number = torch.full((batch,), memory.frames)
     looked = Looked(
-        *(scene, torch.cat((now, old.number)), linearized, tracked, both, log_mass),
+        *(scene, torch.cat((number, old.number)), linearized, tracked, both, log_mass),
         *(controls.motion[:, :2].norm(dim=-1), camera_of(frame)[scene]),
     )
     tell(looked)
@@ -182,7 +187,7 @@ def observe(
     kept, settled = _keep(
         memory.kept._replace(evidence=put, worth=worth),
         memory.settled,
-        Kept(memory.tracked, moves[:batch], control, seen, now, newest, worth_of(newest)),
+        Kept(memory.tracked, moves[:batch], control, seen, number, newest, worth_of(newest)),
         telling,
     )
     total = map_tensors(lambda old, values: old + values.unflatten(0, (batch, KEPT)).sum(1), settled, kept.evidence)
@@ -193,7 +198,7 @@ def observe(
     log_mass = torch.where(telling[:, None], chains.mean(), memory.log_mass)
     after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
     after = rested(after, view, frame, ~telling[:, None])
-    return MassMemory(log_mass, after, kept, settled, total, chains, memory.frames)
+    return MassMemory(memory.scenes, log_mass, after, kept, settled, total, chains, memory.frames)
 
 
 def of_frame(control: Control) -> Control:

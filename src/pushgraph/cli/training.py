@@ -94,13 +94,21 @@ def belief(
     physics: Annotated[
         Path | None, typer.Option(help="Checkpoint of the physics below it.", show_default="the shipped one")
     ] = None,
+    masses: Annotated[
+        Path | None, typer.Option(help="Data in which masses are learnt, from pushgraph generate different-masses.")
+    ] = None,
+    masses_validation: Annotated[Path | None, typer.Option(help="Scenes on which that is validated.")] = None,
+    keep_joints: Annotated[bool, typer.Option("--keep-joints", help="Learn about masses alone.")] = False,
     processes: _Processes = CORES,
     device: _Device = "cpu",
     cache: _Cache = None,
 ) -> None:
-    """Train belief regulation on top of physics weights, which stay as they are.
+    """Train belief regulation, of joints and masses, on top of physics weights, which stay as they are.
 
     Examples:
+
+    `pushgraph train belief --data jointed.h5 --validation validation.h5 --masses masses.h5 --masses-validation
+    masses-validation.h5 --out belief.safetensors`
 
     `pushgraph train belief --data planar.h5 --validation validation.h5 --out belief.safetensors`
 
@@ -122,6 +130,9 @@ def belief(
         seed=seed,
         start_from=None if start_from is None else str(start_from),
         physics=None if physics is None else str(physics),
+        masses=None if masses is None else str(masses),
+        masses_validation=None if masses_validation is None else str(masses_validation),
+        keep_joints=keep_joints,
     )
     _conduct(training, train_belief, processes, device, cache, out, _BELIEF_COLUMNS)
 
@@ -174,6 +185,7 @@ _PHYSICS_COLUMNS = {
     "displacement (cm)": "displacement_moved_cm",
 }
 _BELIEF_COLUMNS = {
+    "surprise, masses": "nll_masses",
     "surprise, adjacent": "nll_adjacent",
     "wrong at 40": "error_touched_40",
     "at 200": "error_touched_200",

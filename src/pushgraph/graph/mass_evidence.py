@@ -4,7 +4,7 @@ Where a body is after a step depends on masses now, and on masses before since t
 sensitivity of tracked poses is carried from step to step.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -21,6 +21,7 @@ SENSED = 1e-6
 """Smaller sensitivities (m) are none."""
 
 
+@runtime_checkable
 class Dynamics(Protocol):
     """What predicts a step; see `pushgraph.network.dynamics`."""
 
@@ -28,28 +29,37 @@ class Dynamics(Protocol):
         """What a step does."""
 
 
+@runtime_checkable
 class Motion(Protocol):
     """What a step does."""
 
     motion: Float[Tensor, "batch bodies 3"]
 
 
+class Felt(NamedTuple):
+    """What a step exerts on the tool, about assumed masses.
+
+    wrench: N, N m. sensitivity: to the variables. curvature: squares of what that misses. doubt: see `ToolWrench`.
+    """
+
+    wrench: Float[Tensor, "batch 3"]
+    sensitivity: Float[Tensor, "batch 3 variables"]
+    curvature: Float[Tensor, "batch 3"]
+    doubt: Float[Tensor, " batch"]
+
+
 class Linearized(NamedTuple):
     """A step about assumed masses. Variables are the logarithms of masses, and last that of the table's friction.
 
     motion: as predicted (m, rad). sensitivity: of poses after the step, turns at LEVER (m). curvature: squared length
-    of what the sensitivity misses (m^2). moves: bodies that take part. wrench: on the tool (N, N m), with its
-    sensitivity, what that misses, and the force that is doubtful (N).
+    of what the sensitivity misses (m^2). moves: bodies that take part. felt: None where no force is measured.
     """
 
     motion: Float[Tensor, "batch bodies 3"]
     sensitivity: Float[Tensor, "batch bodies 3 variables"]
     curvature: Float[Tensor, "batch bodies"]
     moves: Bool[Tensor, "batch bodies"]
-    wrench: Float[Tensor, "batch 3"]
-    wrench_sensitivity: Float[Tensor, "batch 3 variables"]
-    wrench_curvature: Float[Tensor, "batch 3"]
-    wrench_doubt: Float[Tensor, " batch"]
+    felt: Felt | None
 
 
 class Rows(NamedTuple):
@@ -70,10 +80,12 @@ def linearize(
     rows: Rows,
     log_mass: Float[Tensor, "rows variables"],
     spread: Float[Tensor, "rows variables"],
+    felt: bool = False,
 ) -> Linearized:
     """Predict steps with assumed masses, and with that of every body that moves larger and smaller by `spread`.
 
-    state: of the scenes; poses and motions are those of the rows. control: of the rows.
+    state: of the scenes; poses and motions are those of the rows. control: of the rows. felt: whether to say what the
+    tool feels.
     """
     bodies, count = rows.poses.shape[1], len(rows.scene)
     scenes = state.scenes
@@ -87,11 +99,12 @@ def linearize(
     varied = torch.arange(count, len(everyone))
     masses[varied, body.repeat(2)] += torch.cat((step, -step))
     offset = torch.cat((torch.zeros_like(rows.poses), offset, -offset))
-    of_scenes = map_tensors(lambda values: values[rows.scene[everyone]], state)
+    scene = rows.scene[everyone]
+    scenes, relations = (map_tensors(lambda values: values[scene], part) for part in (scenes, state.relations))
+    of_rows = State(scenes, poses + offset, rows.motions[everyone], relations, state.still)
     steps = map_tensors(lambda values: values[everyone], control)
-    around = with_masses(of_scenes._replace(poses=poses + offset, motions=rows.motions[everyone]), masses)
+    around = with_masses(of_rows, masses)
     motions = dynamics(around, steps).motion
-    wrenches, doubts = _wrench(around, motions, steps)
     ends = (motions + offset) * scale
 
     (motion, larger, smaller), sizes = ends.split((count, len(row), len(row))), 2 * step
@@ -103,14 +116,17 @@ def linearize(
     share = taking_part / taking_part.sum(1, keepdim=True).clamp(min=1)
     sensitivity[..., :bodies] -= sensitivity.sum(-1, keepdim=True) * share[:, None, None]
 
+    linearized = Linearized(motion / scale, sensitivity, curvature, rows.moves, None)
+    if not felt:
+        return linearized
+    wrenches, doubts = _wrench(around, motions, steps)
     wrench, larger, smaller = wrenches.split((count, len(row), len(row)))
-    wrench_sensitivity = wrench.new_zeros(*wrench.shape, log_mass.shape[1])
-    wrench_sensitivity[..., -1] = wrench
-    wrench_sensitivity[row, :, body] = (larger - smaller) / sizes[:, None]
+    sensitivity = wrench.new_zeros(*wrench.shape, log_mass.shape[1])
+    sensitivity[..., -1] = wrench
+    sensitivity[row, :, body] = (larger - smaller) / sizes[:, None]
     missed = ((larger + smaller) / 2 - wrench[row]).square()
-    wrench_curvature = torch.zeros_like(wrench).index_add(0, row, missed)
-    felt = wrench, wrench_sensitivity, wrench_curvature, doubts[:count]
-    return Linearized(motion / scale, sensitivity, curvature, rows.moves, *felt)
+    curvature = torch.zeros_like(wrench).index_add(0, row, missed)
+    return linearized._replace(felt=Felt(wrench, sensitivity, curvature, doubts[:count]))
 
 
 def moving(

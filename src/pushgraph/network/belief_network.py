@@ -16,8 +16,8 @@ from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.watching import Frame
 from pushgraph.network import mass_noise
 from pushgraph.network.contact_problem import CONTACT_STATE
-from pushgraph.network.mass_noise import MassNoise
 from pushgraph.network.dynamics import Foresight
+from pushgraph.network.mass_noise import MassNoise
 
 LATENT_UNIT = 0.01
 """Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pushgraph.graph.mass_evidence import SENSED, Linearized
+from pushgraph.graph.mass_evidence import SENSED, Felt, Linearized
 
 FEATURES = (
     *("step", "motion", "greatest_motion", "curvature", "sensitivity", "own_sensitivity"),
@@ -121,23 +121,23 @@ class MassNoise(nn.Module):
 
     def wrench_evidence(
         self,
-        linearized: Linearized,
+        felt: Felt,
         wrench: Float[Tensor, "*batch 3"],
         log_mass: Float[Tensor, "*batch variables"],
     ) -> Evidence:
         """From what a force sensor said (N, N m; NaN where it said nothing)."""
         said = wrench.isfinite()
-        off = torch.where(said, wrench - linearized.wrench, 0.0)
-        force = self.log_of_wrench.exp() * linearized.wrench[..., :2].norm(dim=-1)
-        doubtful = self.log_of_doubt.exp() * linearized.wrench_doubt
+        off = torch.where(said, wrench - felt.wrench, 0.0)
+        force = self.log_of_wrench.exp() * felt.wrench[..., :2].norm(dim=-1)
+        doubtful = self.log_of_doubt.exp() * felt.doubt
         model = force.square() + doubtful.square()
         levers = wrench.new_tensor([1.0, 1.0, WRENCH_LEVER])
         sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])
-        variance = model[..., None] * levers.square() + sensor.square() + linearized.wrench_curvature
+        variance = model[..., None] * levers.square() + sensor.square() + felt.curvature
         freedom = self.log_freedom.exp()
         weight = (freedom + 3) / (freedom + (off.square() / variance).sum(-1, keepdim=True))
         weight = weight * self.log_worth_of_wrench.exp()
-        return _evidence(linearized.wrench_sensitivity, torch.where(said, weight / variance, 0.0), off, log_mass)
+        return _evidence(felt.sensitivity, torch.where(said, weight / variance, 0.0), off, log_mass)
 
 
 def _evidence(

@@ -14,11 +14,13 @@ from torch.nn import functional
 
 from pushgraph.belief import load_physics, watch_windows
 from pushgraph.dataset.sequences import SequenceSampler
+from pushgraph.errors import TrainingError
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.network.belief_network import BELIEFS, Rows
 from pushgraph.scene_range import range_of
 from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.masses import Weighed, mass_loss, weighed
 from pushgraph.training.processes import Processes
 from pushgraph.training.recipe import Training
 from pushgraph.training.running import Progress
@@ -31,19 +33,25 @@ SMOOTH = 1e-6
 VALIDATED = (20, 40, 100, 200)
 """Observed frames after which a validation looks at the answers."""
 VALIDATION_SCENES, VALIDATION_FRAMES = 50, 200
+MASS_FRAMES, MASS_VALIDATION = 140, 32
+"""Frames of the sequences that masses are learnt from, and sequences of a validation."""
+MASS_SHARE = 2
+"""Sequences about joints for each one about masses."""
 
 
 @dataclass(frozen=True)
 class BeliefTraining(Training):
     """What decides a training of belief regulation. A sample is one observed frame of one sequence.
 
-    physics: checkpoint of the physics network that it stands on; by default the shipped one.
+    physics: checkpoint of the physics network that it stands on; by default the shipped one. masses,
+    masses_validation: data in which masses are to be learnt; without them what is known of that stays as it is.
+    keep_joints: whether what is known of joints stays as it is.
     """
 
     TASK: ClassVar[str] = "belief"
     MODELS: ClassVar[Mapping[str, type[nn.Module]]] = BELIEFS
     VALIDATIONS: ClassVar[int] = 12
-    FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics")
+    FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics", "masses", "masses_validation")
 
     samples: int = 10_000_000
     frames: int = 200
@@ -51,6 +59,24 @@ class BeliefTraining(Training):
     learning_rate: float = 2e-3
     hidden: int = 64
     physics: str | None = None
+    masses: str | None = None
+    masses_validation: str | None = None
+    keep_joints: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.masses is None) != (self.masses_validation is None):
+            raise TrainingError("masses and masses_validation: give both or neither")
+        for name in ("masses", "masses_validation"):
+            path = getattr(self, name)
+            if path is not None and not Path(path).is_file():
+                raise TrainingError(
+                    f"{name}: no such dataset: {path}; make it with pushgraph generate different-masses"
+                )
+        if self.masses is not None and self.model != "belief":
+            raise TrainingError(f"masses: {self.model} knows no masses; only belief learns them")
+        if self.keep_joints and (self.masses is None or self.start_from is None):
+            raise TrainingError("keep_joints: needs masses to learn, and start_from, whose joints are kept")
 
 
 class Answers(NamedTuple):
@@ -89,6 +115,8 @@ class BeliefTask:
     """Answers about sequences; validation on the first frames of its trajectories, once clean and once noisy."""
 
     numbers = (
+        "surprise",
+        "nll_masses",
         "nll_adjacent",
         "error_touched_40",
         "error_touched_200",
@@ -117,6 +145,7 @@ class BeliefTask:
         everything = torch.ones(bodies.shape[:3], dtype=torch.bool)
         self._adjacent = adjacent_pairs(scenes, bodies[:, 0]).to(device)
         self._touched = touched_pairs(self._adjacent, bodies.to(device))
+        self._masses, self._masses_validation = self._open_masses(share)
         self._validation = [
             Watched(
                 unaware(scenes),
@@ -130,8 +159,28 @@ class BeliefTask:
             for size in (0.0, 1.0)
         ]
 
+    def _open_masses(self, share: int) -> tuple[SequenceSampler | None, list[Weighed]]:
+        """What masses are learnt from, and what that is validated on."""
+        training = self._training
+        if training.masses is None or training.masses_validation is None:
+            return None, []
+        batch = max(1, share // MASS_SHARE)
+        data, validation = open_dataset(training.masses), open_dataset(training.masses_validation)
+        sampler = SequenceSampler(data, MASS_FRAMES, batch, training.seed * 1000 + self._rank)
+        fixed = SequenceSampler(validation, MASS_FRAMES, MASS_VALIDATION // 2, self._rank)
+        generator = torch.Generator().manual_seed(self._rank)
+        return sampler, [weighed(fixed.batch(k), generator) for k in range(2)]
+
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Loss of the step's sequences."""
+        losses = [] if self._training.keep_joints else [self._loss_of_joints(network, step)]
+        if self._masses is not None:
+            generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 3)) % 2**63)
+            tracks = weighed(self._masses.batch(step), generator)
+            losses.append(mass_loss(network.mass_noise, self._dynamics, tracks).float())
+        return torch.stack(losses).sum()
+
+    def _loss_of_joints(self, network: nn.Module, step: int) -> Tensor:
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
         seen = watched(self._sampler.batch(step), generator).to(self._device)
         half = self._training.precision == "bfloat16"
@@ -151,8 +200,13 @@ class BeliefTask:
                 touched = self._touched[told.rows.scene, frame - 1, told.rows.pair]
                 if frame in (40, 200):
                     wrong.append((log_odds.argmax(-1) != joint)[touched].float().mean())
-        wrong += [torch.zeros((), device=self._device)] * (len(self.numbers) - 1 - len(wrong))
-        return torch.stack([torch.stack(surprise).mean(), *wrong, torch.ones((), device=self._device)])
+        wrong += [torch.zeros((), device=self._device)] * (len(self.numbers) - 3 - len(wrong))
+        nll = torch.stack(surprise).mean()
+        masses = nll.new_zeros(())
+        if self._masses_validation:
+            losses = [mass_loss(network.mass_noise, self._dynamics, tracks) for tracks in self._masses_validation]
+            masses = torch.stack(losses).mean().to(nll.dtype)
+        return torch.stack([nll + masses, masses, nll, *wrong, torch.ones((), device=self._device)])
 
 
 def train_belief(
