@@ -5,7 +5,7 @@ import pytest
 import torch
 from scenes import body
 
-from pushgraph.evaluation.exact_masses import exact_answer
+from pushgraph.evaluation.exact_masses import ExactObserver
 from pushgraph.evaluation.mass_answers import MassAnswer, prior_answer, prior_mean, score, weighted_answer
 from pushgraph.evaluation.mass_observers import ScalePosterior, mean_guess, ratio_observer
 from pushgraph.evaluation.noise_floor import CAMERA
@@ -125,7 +125,7 @@ def toy(dimensions: int):
 @pytest.mark.parametrize(("dimensions", "cells"), [(1, 128), (2, 64)])
 def test_the_exact_posterior_is_that_of_brute_force(dimensions: int, cells: int) -> None:
     poses_of, bodies = toy(dimensions), 1 + dimensions
-    table = fill(poses_of, MASS_CLASSES, dimensions, cells)
+    observer = ExactObserver(fill(poses_of, MASS_CLASSES, dimensions, cells), CAMERA, MASS_CLASSES)
     rng = np.random.default_rng(0)
     samples = draw_masses(rng, MASS_CLASSES, 400_000 * bodies).reshape(-1, bodies)
     expected = poses_of(np.log(samples[:, 1:] / samples[:, :1]))
@@ -134,7 +134,7 @@ def test_the_exact_posterior_is_that_of_brute_force(dimensions: int, cells: int)
         seen = expected[true] + rng.normal(size=expected.shape[1]) / precision
         weights = np.exp(-0.5 * np.square((expected - seen) * precision).sum(-1))
         brute = weighted_answer(samples, weights, MASS_CLASSES)
-        answer = exact_answer(table, seen.reshape(3, bodies, 3), CAMERA, MASS_CLASSES)
+        answer = observer.answer(seen.reshape(3, bodies, 3))
         np.testing.assert_allclose(answer.probabilities, brute.probabilities, atol=0.02)
         for values, others in zip(answer[:3], brute[:3], strict=True):
             np.testing.assert_allclose(values, others, rtol=0.03, atol=0.05)

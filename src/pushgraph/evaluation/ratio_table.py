@@ -47,14 +47,18 @@ class RatioTable:
 
     def at(self, log_ratios: Float[np.ndarray, "points dimensions"]) -> Float[np.ndarray, "points values"]:
         """Poses at any log ratios within cells that are reached."""
-        place = (log_ratios - self.lowest) / self.spacing
-        cell = np.clip(np.floor(place).astype(np.int64), 0, np.array(self.reached.shape) - 1)
-        part = (place - cell).astype(np.float32)
-        between = np.zeros((len(place), self.poses.shape[-1]), np.float32)
+        cell = np.stack(self.cells_of(log_ratios), -1)
+        part = ((log_ratios - self.lowest) / self.spacing - cell).astype(np.float32)
+        between = np.zeros((len(cell), self.poses.shape[-1]), np.float32)
         for corner in itertools.product((0, 1), repeat=self.dimensions):
             weight = np.where(corner, part, 1 - part).prod(-1)
             between += weight[:, None] * self.poses[tuple((cell + corner).T)]
         return between
+
+    def cells_of(self, log_ratios: Float[np.ndarray, "points dimensions"]) -> tuple[Int[np.ndarray, " points"], ...]:
+        """Indices, by dimension, of the cells that log ratios lie in."""
+        cell = np.floor((log_ratios - self.lowest) / self.spacing).astype(np.int64)
+        return tuple(cell.clip(0, np.array(self.reached.shape) - 1).T)
 
     def coarser(self, classes: Sequence[MassClass]) -> "RatioTable":
         """Every other node."""
