@@ -16,7 +16,8 @@ def generate(
         str,
         typer.Argument(
             help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; "
-            "planar-mixed: that, of many sizes."
+            "planar-mixed: that, of many sizes; different-masses: cylinders of three classes of mass; "
+            "controlled-masses: 2 or 3 cylinders of which only the masses change."
         ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
@@ -35,6 +36,8 @@ def generate(
     `pushgraph generate multiple-parts --objects 9 --count 1000 --seed 1 --out train.h5`
 
     `pushgraph generate planar --count 30000 --out mixture.h5 --workers 16`
+
+    `pushgraph generate controlled-masses --objects 2 --count 1000 --seed 1000000 --out two.h5`
     """
     from pushgraph.dataset.generate import generate as generate_dataset
     from pushgraph.dataset.store import Dataset

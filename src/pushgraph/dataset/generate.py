@@ -37,7 +37,7 @@ def generate(
     many trajectories are done. Raises DatasetError if `out` or its parts are of another recipe, another
     process is at them, or the disk is full; nothing is overwritten then.
     """
-    find_setup(setup)
+    find_setup(setup, objects)
     if engine not in ENGINES:
         raise DatasetError(f"no engine {engine!r}; valid: {', '.join(ENGINES)}")
     bounds = {"objects": (objects, 1, 1000), "count": (count, 1, 10**9), "seed": (seed, 0, 2**63 - 1)}

@@ -4,7 +4,7 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
 from pushgraph.scene import Scene
@@ -25,6 +25,8 @@ NARROW = 0.25
 GRAZE = 0.002
 """So deep (m) where pushes graze."""
 TABLE_MARGIN = 0.15
+SQUARELY = 0.8
+"""A body farther off the way of another than this share of their reaches is passed, or grazed."""
 
 
 Way = Literal["straight", "back", "bent"]
@@ -51,6 +53,8 @@ class PushStyle(NamedTuple):
     """Half of the pushes go along this direction, one way or the other (rad)."""
     grazes: bool = False
     """Whether pushes are aimed at corners and edges: whatever they touch counts."""
+    scatters: bool = False
+    """Whether bodies count, too, that those on the path are pushed into."""
     ways: tuple[Way, ...] = ("straight",)
     """Each push goes one of these ways."""
     force_limit: float | None = None
@@ -77,13 +81,15 @@ def aim(
     )
     for _ in range(4):
         candidates = _candidates(rng, scene, poses, novelty, style, way)
-        free = _free_starts(scene, poses, candidates)[:CHECKED]
+        free = _free_starts(scene, poses, candidates)[: CANDIDATES if style.scatters else CHECKED]
         if not len(free):
             continue
         gaps = _path_gaps(scene, poses, candidates[free])
         pushed = (gaps.min(1) < -depth) & ~still
         early = (gaps[:, : int(0.7 * gaps.shape[1])] < -depth / 2).any((1, 2))
         clear = (gaps[:, :, still] >= START_CLEARANCE).all((1, 2))
+        if style.scatters:
+            pushed |= _pushed_into(scene, poses, candidates[free], pushed) & ~still
         score = (pushed * novelty).sum(-1) * early * clear
         if score.max() > 0:
             return _push(candidates[free[score.argmax()]], style)
@@ -162,6 +168,26 @@ def _path_gaps(
     path = starts * (1 - share) + ends * share
     gaps = scene.tool_gaps(path.reshape(-1, 3), poses)
     return gaps.reshape(len(candidates), -1, len(poses))
+
+
+def _pushed_into(
+    scene: Scene,
+    poses: Float[np.ndarray, "bodies 3"],
+    candidates: Float[np.ndarray, "candidates waypoints 3"],
+    pushed: Bool[np.ndarray, "candidates bodies"],
+) -> Bool[np.ndarray, "candidates bodies"]:
+    """Bodies that those on the path meet before the push ends, if these go straight on before the tool."""
+    way = candidates[:, -1, :2] - candidates[:, 0, :2]
+    distance = np.hypot(*way.T)[:, None]
+    along, across = way / distance, np.column_stack((-way[:, 1], way[:, 0])) / distance
+    from_start = poses[:, :2] - candidates[:, :1, :2]
+    ahead, aside = (np.einsum("cbi,ci->cb", from_start, axis) for axis in (along, across))
+    radius = np.array([body.shape.reach for body in scene.bodies])
+    farthest = distance + scene.tool.reach + 2 * radius
+    reaches = ahead[:, None] - radius < farthest[..., None]
+    reaches &= ahead[:, None] > ahead[..., None]
+    reaches &= np.abs(aside[:, None] - aside[..., None]) < SQUARELY * (radius[:, None] + radius)
+    return (pushed[..., None] & reaches).any(1)
 
 
 def _width(shape: Cylinder | Cuboid) -> float:

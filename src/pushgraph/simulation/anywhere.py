@@ -27,11 +27,16 @@ FLUSH, FLUSH_GAP = 0.3, 0.004
 """Share of places taken by two cuboids whose faces lie flush, and how far apart they are at most (m)."""
 
 
+def draw_paper_length(rng: np.random.Generator) -> float:
+    """Diameter or edge of a body of the paper (m)."""
+    return float(np.clip(rng.normal(SIZE_MEAN, SIZE_SPREAD), *SIZE_RANGE))
+
+
 def draw_paper_shape(rng: np.random.Generator) -> Cylinder | Cuboid:
     """A body of the paper."""
     if rng.random() < 0.5:
-        return Cylinder(diameter=_draw_length(rng))
-    return Cuboid(size=(_draw_length(rng), _draw_length(rng)))
+        return Cylinder(diameter=draw_paper_length(rng))
+    return Cuboid(size=(draw_paper_length(rng), draw_paper_length(rng)))
 
 
 def joints_anywhere(rng: np.random.Generator, objects: int, density: Density) -> Plan:
@@ -63,11 +68,7 @@ def joints_anywhere(rng: np.random.Generator, objects: int, density: Density) ->
 
 def _flush_pair(rng: np.random.Generator) -> Block:
     """Two cuboids side by side, their faces parallel, one shifted along the other."""
-    first, second = (Cuboid(size=(_draw_length(rng), _draw_length(rng))) for _ in range(2))
+    first, second = (Cuboid(size=(draw_paper_length(rng), draw_paper_length(rng))) for _ in range(2))
     apart = (first.size[0] + second.size[0]) / 2 + float(rng.uniform(0.0, FLUSH_GAP))
     shift = float(rng.uniform(-0.3, 0.3)) * (first.size[1] + second.size[1])
     return Block.loose(centred((PlacedShape(first), PlacedShape(second, (apart, shift, 0.0)))))
-
-
-def _draw_length(rng: np.random.Generator) -> float:
-    return float(np.clip(rng.normal(SIZE_MEAN, SIZE_SPREAD), *SIZE_RANGE))

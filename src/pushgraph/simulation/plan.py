@@ -10,10 +10,10 @@ DENSITIES: tuple[Density, Density] = ("dense", "sparse")
 
 
 class Plan(NamedTuple):
-    """A scene without pushes, and how it shall be pushed."""
+    """A scene, and how it shall be pushed; style: None if the scene itself says with which pushes."""
 
     scene: Scene
     density: Density
-    style: PushStyle
+    style: PushStyle | None = None
     kind: str = "paper"
     """Which of the kinds of `pushgraph.simulation.kinds` it is, or that of the paper."""

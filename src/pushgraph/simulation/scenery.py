@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
+from pushgraph.mass_prior import MASS_CLASSES
 from pushgraph.patch import area_shares
 from pushgraph.scene import Scene, Table
 from pushgraph.simulation.articulation import draw_joints, place_anywhere
@@ -20,7 +22,6 @@ PAPER_SIZE = 0.117
 TABLE_FRICTION = (0.05, 1.5)
 SIDE_FRICTION = (0.0, 1.0)
 MASS = (0.2, 1.0)
-MASS_CLASSES = ((0.2, 0.5), (1.0, 2.0), (8.0, 10.0))
 MASS_PER_AREA = (20.0, 500.0)
 """kg/m^2, of bodies of one material."""
 TABLE_SIDE = 2.0
@@ -30,6 +31,15 @@ TABLE_SIDE = 2.0
 def table_side(objects: int) -> float:
     """Of a table (m) for so many objects of the paper's size."""
     return max(TABLE_SIDE, 0.55 * math.sqrt(objects))
+
+
+def place_paper_blocks(
+    rng: np.random.Generator, blocks: Sequence[Block], density: Density
+) -> Float[np.ndarray, "blocks 3"]:
+    """Poses of blocks of the paper's size: in one cluster, or in several."""
+    if density == "dense":
+        return place_cluster(rng, blocks)
+    return place_clusters(rng, blocks, half_width=0.17 * math.sqrt(len(blocks)))
 
 
 def draw_scene(
@@ -107,4 +117,5 @@ def _draw_mass(rng: np.random.Generator, kind: int) -> float:
         return float(rng.uniform(*MASS))
     if kind == 1:
         return log_uniform(rng, 0.2, 10.0)
-    return float(rng.uniform(*MASS_CLASSES[rng.integers(len(MASS_CLASSES))]))
+    one = MASS_CLASSES[rng.integers(len(MASS_CLASSES))]
+    return float(rng.uniform(one.lowest, one.highest))

@@ -1,6 +1,5 @@
 """The distributions that trajectories are drawn from, by name."""
 
-import math
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -9,16 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from pushgraph.errors import SetupError, SimulationError
-from pushgraph.scene import Table
+from pushgraph.scene import Scene, Table
 from pushgraph.simulation.aiming import NoPush, PushStyle, aim
 from pushgraph.simulation.anywhere import PUSH_DISTANCE, PUSH_SPEED, draw_paper_shape, joints_anywhere
 from pushgraph.simulation.articulation import JOINTS, draw_joints
 from pushgraph.simulation.block import Block, arrange
 from pushgraph.simulation.kinds import KINDS
-from pushgraph.simulation.placement import NoRoom, place_cluster, place_clusters
+from pushgraph.simulation.masses import CONTROLLED_OBJECTS, controlled_masses, different_masses
+from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.plan import DENSITIES, Density, Plan
-from pushgraph.simulation.planar import PlanarSimulation
-from pushgraph.simulation.scenery import MASS, table_side
+from pushgraph.simulation.planar import PlanarSimulation, simulate
+from pushgraph.simulation.scenery import MASS, place_paper_blocks, table_side
 from pushgraph.track import Track
 
 FEWEST = 6
@@ -53,10 +53,7 @@ def multiple_parts(rng: np.random.Generator, objects: int, index: int) -> Plan:
     density = DENSITIES[index % 2]
     shapes = [draw_paper_shape(rng) for _ in range(objects)]
     blocks = [Block.of(shape) for shape in shapes]
-    if density == "dense":
-        poses = place_cluster(rng, blocks)
-    else:
-        poses = place_clusters(rng, blocks, half_width=0.17 * math.sqrt(objects))
+    poses = place_paper_blocks(rng, blocks, density)
     masses = rng.uniform(*MASS, objects)
     side = table_side(objects)
     scene = arrange(blocks, poses, masses[:, None].tolist(), table=Table(size=(side, side)))
@@ -96,21 +93,27 @@ SETUPS: dict[str, Setup] = {
     "jointed": jointed,
     "planar": planar,
     "planar-mixed": planar_mixed,
+    "different-masses": different_masses,
+    "controlled-masses": controlled_masses,
 }
+OBJECTS = {"controlled-masses": CONTROLLED_OBJECTS}
+"""Numbers of objects of the setups that do not draw any."""
 
 
 def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajectory:
     """Draw and simulate trajectory `index`; the same arguments give the same bits on any machine like this.
 
-    Raises SetupError if the setup is unknown, or a hundred draws in a row come to nothing.
+    Raises SetupError if the setup is unknown or not of so many objects, or a hundred draws in a row come to nothing.
     """
-    plan = find_setup(setup)
+    plan = find_setup(setup, objects)
     rng = np.random.default_rng([zlib.crc32(setup.encode()), objects, seed, index])
     rejected: Counter[str] = Counter()
     while rejected.total() < ATTEMPTS:
         try:
             drawn = plan(rng, objects, index)
-            return Trajectory(_push_around(rng, drawn), drawn.density, drawn.kind, rejected)
+            style = drawn.style
+            track = simulate(drawn.scene) if style is None else _push_around(rng, drawn.scene, style)
+            return Trajectory(track, drawn.density, drawn.kind, rejected)
         except NoRoom:
             rejected[REJECTIONS["room"]] += 1
         except _TooFewNeighbours:
@@ -127,10 +130,12 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
     )
 
 
-def find_setup(name: str) -> Setup:
-    """The setup of this name; raises SetupError with the valid names."""
+def find_setup(name: str, objects: int) -> Setup:
+    """The setup of this name; raises SetupError with the valid names, or the valid numbers of objects."""
     if name not in SETUPS:
         raise SetupError(f"no setup {name!r}; valid: {', '.join(SETUPS)}")
+    if name in OBJECTS and objects not in OBJECTS[name]:
+        raise SetupError(f"setup {name!r}: no scene of {objects} objects; valid: {', '.join(map(str, OBJECTS[name]))}")
     return SETUPS[name]
 
 
@@ -142,14 +147,14 @@ class _LeftTable(Exception):
     pass
 
 
-def _push_around(rng: np.random.Generator, plan: Plan) -> Track:
-    simulation = PlanarSimulation(plan.scene, force_limits=plan.style.force_limit is not None)
-    touched = np.zeros(len(plan.scene.bodies), dtype=np.int64)
-    for _ in range(plan.style.pushes):
+def _push_around(rng: np.random.Generator, scene: Scene, style: PushStyle) -> Track:
+    simulation = PlanarSimulation(scene, force_limits=style.force_limit is not None)
+    touched = np.zeros(len(scene.bodies), dtype=np.int64)
+    for _ in range(style.pushes):
         before = simulation.poses
-        simulation.push(aim(rng, plan.scene, before, touched, plan.style))
+        simulation.push(aim(rng, scene, before, touched, style))
         after = simulation.poses
-        if not (plan.scene.table.holds(after[:, :2]) | plan.scene.immovable).all():
+        if not (scene.table.holds(after[:, :2]) | scene.immovable).all():
             raise _LeftTable
         touched += np.hypot(*(after - before)[:, :2].T) > TOUCHED
     return simulation.track()
