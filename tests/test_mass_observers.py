@@ -9,12 +9,13 @@ from pushgraph.evaluation.exact_masses import ExactObserver
 from pushgraph.evaluation.mass_answers import MassAnswer, prior_answer, prior_mean, score, weighted_answer
 from pushgraph.evaluation.mass_observers import ScalePosterior, mean_guess, ratio_observer
 from pushgraph.evaluation.noise_floor import CAMERA
-from pushgraph.evaluation.ratio_table import RatioTable, fill, simulated_table, with_masses
+from pushgraph.evaluation.ratio_table import RatioTable, fill, simulated_table
 from pushgraph.evaluation.recording import record
 from pushgraph.evaluation.touching import find_touched, groups_of
 from pushgraph.graph.scene_batch import batch_scenes, pairs_of
 from pushgraph.mass_prior import MASS_CLASSES, MassClass, draw_masses
 from pushgraph.scene import Scene
+from pushgraph.simulation.masses import weighing
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push
 from pushgraph.track import Track
@@ -165,7 +166,7 @@ def test_a_simulated_table_holds_what_simulation_does_and_is_kept(tmp_path, monk
     scene = pushed_pair().replace(mass_classes=ONE_TO_TWO)
     table = simulated_table(scene, 4)
     ratio = np.exp(table.lowest + table.spacing)
-    again = simulate(with_masses(scene, (1.0, ratio))).poses[:, 1:].ravel()
+    again = simulate(weighing(scene, (1.0, ratio))).poses[:, 1:].ravel()
     np.testing.assert_allclose(table.at(np.log([[ratio]]))[0], again, atol=1e-6)
     monkeypatch.setattr("pushgraph.evaluation.ratio_table.simulate", None)
     kept = simulated_table(scene, 4)
@@ -174,7 +175,7 @@ def test_a_simulated_table_holds_what_simulation_does_and_is_kept(tmp_path, monk
 
 
 def test_motion_shows_ratios_alone() -> None:
-    light, heavy = (simulate(with_masses(pushed_pair(), masses)).poses for masses in ((0.3, 0.4), (6.0, 8.0)))
+    light, heavy = (simulate(weighing(pushed_pair(), masses)).poses for masses in ((0.3, 0.4), (6.0, 8.0)))
     np.testing.assert_allclose(light, heavy, atol=1e-4)
 
 

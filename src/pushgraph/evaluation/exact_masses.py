@@ -9,9 +9,10 @@ from pushgraph.evaluation.mass_answers import MassAnswer, weighted_answer
 from pushgraph.evaluation.mass_observers import ScalePosterior
 from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
 from pushgraph.evaluation.ratio_likelihood import RatioLikelihood
-from pushgraph.evaluation.ratio_table import RatioTable, simulated_table, with_masses
+from pushgraph.evaluation.ratio_table import RatioTable, simulated_table
 from pushgraph.mass_prior import MassClass, draw_masses
 from pushgraph.scene import Scene
+from pushgraph.simulation.masses import weighing
 from pushgraph.simulation.planar import simulate
 
 SAMPLES = 20_000
@@ -68,7 +69,7 @@ def refined_observer(
     classes, cells = scene.classes_of_mass, FIRST_CELLS[len(scene.bodies) - 1]
     rng = np.random.default_rng(0)
     masses = draw_masses(rng, classes, PROBES * len(scene.bodies)).reshape(PROBES, -1)
-    seen = np.stack([simulate(with_masses(scene, some)).poses[:, 1:] for some in masses])
+    seen = np.stack([simulate(weighing(scene, some)).poses[:, 1:] for some in masses])
     seen += rng.normal(size=seen.shape) * [noise.position, noise.position, noise.yaw]
     table, before = None, np.inf
     while True:

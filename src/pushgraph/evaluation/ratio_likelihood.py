@@ -1,9 +1,9 @@
 """How likely noisy poses are for every ratio of masses, by a table of what the simulator does.
 
-The simulator is chaotic on a small scale: ratios that differ by a thousandth end up to a millimetre apart. So between the
-nodes of a table, however fine, poses are known only up to this roughness, which counts as noise beside the camera's. It is
-found from how nodes stray from the straight line between their neighbours, and goes on from frame to frame, so that it
-has few directions in the space of all poses.
+The simulator is chaotic on a small scale: ratios that differ by a thousandth end up to a millimetre apart. So between
+the nodes of a table, however fine, poses are known only up to this roughness, which counts as noise beside the
+camera's. It is found from how nodes stray from the straight line between their neighbours, and goes on from frame to
+frame, so that it has few directions in the space of all poses.
 """
 
 from typing import NamedTuple
@@ -63,7 +63,7 @@ class RatioLikelihood:
     def _log_likelihood(
         self, points: Float[np.ndarray, "points dimensions"], seen: Float[np.ndarray, " values"]
     ) -> Float[np.ndarray, " points"]:
-        """Of a Gaussian with covariance 1 + U V U', in units of the noise: U the directions, V their variances there."""
+        """Of a Gaussian with covariance 1 + U V U', in units of the noise: directions U, and variances V along them."""
         told = []
         for some in np.array_split(points, len(points) // 1024 + 1):
             away = self.table.at(some) * self._scale - seen

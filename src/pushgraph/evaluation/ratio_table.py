@@ -17,6 +17,7 @@ from pushgraph import simulation
 from pushgraph.dataset.engines import run_in_processes
 from pushgraph.mass_prior import MassClass, draw_masses
 from pushgraph.scene import Scene
+from pushgraph.simulation.masses import weighing
 from pushgraph.simulation.planar import simulate
 from pushgraph.storage import cache_folder, replacing
 
@@ -142,15 +143,9 @@ def simulated_table(
     return table
 
 
-def with_masses(scene: Scene, masses: Sequence[float] | Float[np.ndarray, " bodies"]) -> Scene:
-    """The scene with other masses (kg)."""
-    bodies = (body.replace(mass=float(mass)) for body, mass in zip(scene.bodies, masses, strict=True))
-    return scene.replace(bodies=tuple(bodies))
-
-
 def _simulate_ratios(task: tuple[Scene, tuple[tuple[float, ...], ...]]) -> Float[np.ndarray, "points values"]:
     scene, several = task
-    tracks = [simulate(with_masses(scene, np.exp([0.0, *log_ratios]))) for log_ratios in several]
+    tracks = [simulate(weighing(scene, np.exp([0.0, *log_ratios]))) for log_ratios in several]
     return np.stack([track.poses[:, 1:].astype(np.float32).ravel() for track in tracks])
 
 
@@ -160,7 +155,7 @@ def _chunks(points: list) -> list[list]:
 
 def _digest(scene: Scene) -> str:
     """Of all that the table depends on: the scene but for its masses, the simulation, and what it stands on."""
-    digest = hashlib.sha256(with_masses(scene, [1.0] * len(scene.bodies)).to_json().encode())
+    digest = hashlib.sha256(weighing(scene, [1.0] * len(scene.bodies)).to_json().encode())
     digest.update(repr([importlib.metadata.version(name) for name in ("mujoco", "numpy")]).encode())
     for path in sorted(Path(simulation.__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
