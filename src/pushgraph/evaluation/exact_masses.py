@@ -31,6 +31,11 @@ class ExactObserver:
     def __init__(self, table: RatioTable, noise: StartNoise, classes: Sequence[MassClass]) -> None:
         self.likelihood, self.classes = RatioLikelihood(table, noise), classes
 
+    @property
+    def cells(self) -> int:
+        """Of its table, in each dimension."""
+        return len(self.likelihood.table.reached)
+
     def answer(self, poses: Float[np.ndarray, "frames bodies 3"]) -> MassAnswer:
         """What can be said at best."""
         return weighted_answer(*self.samples(poses), self.classes)

@@ -61,8 +61,13 @@ def score(answer: MassAnswer, masses: Float[np.ndarray, "*bodies"], classes: Seq
 
 def classes_of(classes: Sequence[MassClass], masses: Float[np.ndarray, "*bodies"]) -> Int[np.ndarray, "*bodies"]:
     """Indices of the classes that masses (kg) belong to."""
-    flat = [class_of(classes, float(mass)) for mass in np.ravel(masses)]
-    return np.array(flat, dtype=np.int64).reshape(np.shape(masses))
+    different, place = np.unique(masses, return_inverse=True)
+    return np.array([class_of(classes, float(mass)) for mass in different], dtype=np.int64)[place]
+
+
+def believed(told: tuple) -> MassAnswer:
+    """The answer that `BeliefModel.masses` gives, as arrays."""
+    return MassAnswer(*(getattr(told, name).numpy().astype(np.float64) for name in MassAnswer._fields))
 
 
 def prior_answer(classes: Sequence[MassClass], bodies: int) -> MassAnswer:
