@@ -25,8 +25,8 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(training.app, name="train")
-for name, command in evaluating_masses.COMMANDS.items():
-    evaluating.app.command(name)(command)
+for name, measure in evaluating_masses.COMMANDS.items():
+    evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 
 

@@ -1,6 +1,7 @@
 """The commands of `pushgraph evaluate` that are about masses."""
 
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -116,7 +117,11 @@ def coupled_masses(
     say_written(out, "coupled.png")
 
 
-COMMANDS = {"masses": masses, "controlled-masses": controlled_masses, "coupled-masses": coupled_masses}
+COMMANDS: dict[str, Callable[..., None]] = {
+    "masses": masses,
+    "controlled-masses": controlled_masses,
+    "coupled-masses": coupled_masses,
+}
 
 
 def _cells(values: list[float | None], digits: int = 3) -> list[str]:

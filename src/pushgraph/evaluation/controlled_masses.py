@@ -4,7 +4,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -163,7 +163,7 @@ def hardly_different(scenes: Sequence[ControlledScene]) -> tuple[int, int, float
 
 
 def _add_rows(results: Results, model: str, given: str, scenes: Sequence[ControlledScene]) -> None:
-    labels = {"objects": scenes[0].objects, "input": given}
+    labels: dict[str, Any] = {"objects": scenes[0].objects, "input": given}
     scores = [scene.scores(model, given) for scene in scenes]
     bodies = np.repeat(np.arange(len(scenes)), scenes[0].objects)
     add_mass_rows(results, model, MassScores(*map(np.concatenate, zip(*scores, strict=True))), bodies, labels)

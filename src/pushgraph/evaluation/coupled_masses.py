@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -56,7 +56,7 @@ def evaluate_coupled_masses(
             for model in MODELS:
                 errors = np.array([100 * scene.errors[model][k] for scene in some])
                 goes_on = np.flatnonzero(~np.isnan(errors))
-                labels = {"objects": number, "observed_frames": observed}
+                labels: dict[str, Any] = {"objects": number, "observed_frames": observed}
                 results.add(model, "error_cm", "cm", errors[goes_on], goes_on, **labels)
     return results, scenes
 

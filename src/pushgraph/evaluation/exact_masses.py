@@ -76,7 +76,7 @@ def refined_observer(
     masses = draw_masses(rng, classes, PROBES * len(scene.bodies)).reshape(PROBES, -1)
     seen = np.stack([simulate(weighing(scene, some)).poses[:, 1:] for some in masses])
     seen += rng.normal(size=seen.shape) * [noise.position, noise.position, noise.yaw]
-    table, before = None, np.inf
+    table, before = None, np.full(masses.shape, np.inf)
     while True:
         table = simulated_table(scene, cells, table, workers, progress)
         observer = ExactObserver(table, noise, classes)

@@ -73,7 +73,8 @@ def believed(told: tuple) -> MassAnswer:
 def prior_answer(classes: Sequence[MassClass], bodies: int) -> MassAnswer:
     """What can be said of bodies of which nothing was seen."""
     quantiles = prior_quantiles(classes, np.array([MEDIAN, LOW, HIGH]))
-    return MassAnswer(*np.tile(quantiles[:, None], bodies), np.tile(shares_of(classes), (bodies, 1)))
+    median, low, high = np.tile(quantiles[:, None], bodies)
+    return MassAnswer(median, low, high, np.tile(shares_of(classes), (bodies, 1)))
 
 
 def prior_mean(classes: Sequence[MassClass]) -> float:
@@ -98,4 +99,5 @@ def weighted_answer(
     upto = shares[order].cumsum(0) - shares[order] / 2
     wanted = np.array([MEDIAN, LOW, HIGH])
     quantiles = [np.interp(wanted, *columns) for columns in zip(upto.T, ordered.T, strict=True)]
-    return MassAnswer(*np.transpose(quantiles), probabilities / probabilities.sum(-1, keepdims=True))
+    median, low, high = np.transpose(quantiles)
+    return MassAnswer(median, low, high, probabilities / probabilities.sum(-1, keepdims=True))

@@ -150,7 +150,9 @@ def _draw_motion(axes: Axes, scene: Scene, observed: ControlledScene) -> None:
         for pose, style in ((observed.poses[0, k], ":"), (observed.poses[-1, k], "-")):
             axes.add_patch(Circle(tuple(pose[:2]), body.shape.diameter / 2, fill=False, linestyle=style, color=colour))
         axes.plot(*observed.poses[:, k, :2].T, color=colour, linewidth=1)
-        axes.annotate(f"{observed.masses[k]:.2f} kg", observed.poses[-1, k, :2], ha="center", va="center", fontsize=8)
+        axes.annotate(
+            f"{observed.masses[k]:.2f} kg", tuple(observed.poses[-1, k, :2]), ha="center", va="center", fontsize=8
+        )
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.set_aspect("equal")
 
@@ -162,8 +164,8 @@ def _draw_intervals(axes: Axes, observed: ControlledScene, told: Sequence[tuple[
         answer = observed.answers[model, given]
         ends = np.stack((answer.median - answer.low, answer.high - answer.median))
         place = places - 0.15 + 0.45 * k / max(1, len(told) - 1)
-        style = {"color": COLOURS.get(model), "fmt": "s" if given == "force" else "o"}
-        axes.errorbar(place, answer.median, ends, capsize=3, label=f"{model}, {given}".replace("_", " "), **style)
+        label, marker = f"{model}, {given}".replace("_", " "), "s" if given == "force" else "o"
+        axes.errorbar(place, answer.median, ends, capsize=3, label=label, fmt=marker, color=COLOURS.get(model))
     axes.set_xticks(places, [f"body {k}" for k in places])
     axes.set(ylabel="mass, 68 % interval (kg)", yscale="log")
     axes.grid(alpha=0.3)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -171,12 +171,12 @@ def _add_rows(results: Results, model: str, given: str, objects: int, scenes: Se
                     for parts in zip(*scores, strict=True)
                 )
             )
-            labels = {"objects": objects, "observed_frames": observed, "input": given, "subset": subset}
+            labels: dict[str, Any] = {"objects": objects, "observed_frames": observed, "input": given, "subset": subset}
             add_mass_rows(results, model, some, scene, labels)
 
 
 def add_mass_rows(
-    results: Results, model: str, scores: MassScores, scene: Int[np.ndarray, " bodies"], labels: Mapping
+    results: Results, model: str, scores: MassScores, scene: Int[np.ndarray, " bodies"], labels: Mapping[str, Any]
 ) -> None:
     """The numbers of some bodies, each of a scene."""
     for metric, unit, values in (
@@ -201,7 +201,7 @@ def _add_slide_rows(results: Results, model: str, given: str, objects: int, scen
         for subset in SUBSETS:
             chosen = np.stack([of_scene.chosen[subset][time] for of_scene in told])
             scene = chosen.nonzero()[0]
-            labels = {"objects": objects, "observed_frames": observed, "input": given, "subset": subset}
+            labels: dict[str, Any] = {"objects": objects, "observed_frames": observed, "input": given, "subset": subset}
             relative = np.abs(slides.median[:, time] / true - 1)[chosen]
             held = ((slides.low[:, time] <= true) & (true <= slides.high[:, time]))[chosen]
             results.add(model, "slide_error", "1", relative, scene, "median", **labels)
