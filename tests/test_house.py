@@ -27,6 +27,7 @@ ORDER = [
     "scene_parts",
     "scene_range",
     "spread",
+    "wrench",
     "track",
     "plausibility",
     "recording",

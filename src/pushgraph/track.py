@@ -21,6 +21,7 @@ from pushgraph.scene import Scene
 from pushgraph.spread import UNITS, Spread
 from pushgraph.storage import replacing, replacing_hdf5
 from pushgraph.stored_array import stored
+from pushgraph.wrench import COMPONENTS, NO_READING, check_whole, mean_since, reading_from_text
 
 FRAME = 0.05
 """Seconds from one frame to the next."""
@@ -46,8 +47,8 @@ class Track:
     times: seconds, rising. poses: x (m), y (m), yaw (rad, not wrapped). push: which of the scene's pushes is under way
     (any number from 0 on if it has none), LIFTED between them. seen: False where a camera lost the node; its pose is
     NaN there. The yaw alone may be NaN for bodies whose yaw is not known. wrench: what the bodies exert on the tool, on
-    average since the frame before: force (N, world frame) and moment about the end-effector (N m); None if it was not
-    measured.
+    average since the frame before: force (N, world frame) and moment about the end-effector (N m), all NaN where there
+    is no reading; None if it was not measured.
     spread: how far off predicted poses of the bodies may be, [frames bodies]; None if nothing is stated.
     Raises TrackError if anything does not fit.
     """
@@ -67,8 +68,8 @@ class Track:
         for name, shape in (("poses", (frames, nodes, 3)), ("push", (frames,)), ("seen", (frames, nodes))):
             if getattr(self, name).shape != shape:
                 raise TrackError(f"{name}: shape must be {shape}, got {getattr(self, name).shape}")
-        if self.wrench is not None and (self.wrench.shape != (frames, 3) or not np.isfinite(self.wrench).all()):
-            raise TrackError(f"wrench: must be finite, of shape {(frames, 3)}; its shape is {self.wrench.shape}")
+        if self.wrench is not None:
+            check_whole(self.wrench, self.times)
         if self.spread is not None:
             for name, values in self.spread._asdict().items():
                 if values.shape != (frames, nodes - 1):
@@ -140,7 +141,7 @@ class Track:
         Every push begins with a frame at its first sample. A pause, or another push without a lift between, is cut
         out: one lifted frame stands for it, in which bodies that moved meanwhile are not seen. Poses between two
         sightings are interpolated if these are no farther apart than `longest_bridge`; else the node was not seen.
-        Yaws turn the shorter way.
+        Yaws turn the shorter way. The wrench is the mean of the readings since the frame before, if there are any.
         """
         joined = self.down[1:] & self.down[:-1] & (self.push[1:] != self.push[:-1])
         grid = self.times[0] + np.arange(len(self.times)) * FRAME
@@ -153,7 +154,8 @@ class Track:
         for before, after in pairwise(stretches):
             lifts = before.push[-1] != LIFTED and after.push[0] != LIFTED
             parts += [_lift_between(before, after), after] if lifts else [after]
-        return Track(self.scene, *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        columns = _Frames(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        return Track(self.scene, *columns[:-1], wrench=None if self.wrench is None else columns.wrench)
 
     def frames(self) -> Iterator[tuple[Float[np.ndarray, "nodes 3"], bool]]:
         """Poses of all nodes, NaN where not seen, and whether the tool is down, every 0.05 s; see `at_frames`."""
@@ -189,7 +191,10 @@ class Track:
             poses[:, node] = np.stack([np.interp(times, at, column) for column in values.T], -1)
         poses[~seen] = np.nan
         last = (np.searchsorted(at_samples, times + ON_TIME) - 1).clip(min=0)
-        return _Frames(self.times[stretch.start] + times, poses, self.push[stretch][last], seen)
+        wrench = np.full((len(times), 3), np.nan)
+        if self.wrench is not None:
+            wrench = mean_since(times, at_samples, self.wrench[stretch], FRAME, ON_TIME)
+        return _Frames(self.times[stretch.start] + times, poses, self.push[stretch][last], seen, wrench)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write HDF5, or CSV if the name ends in .csv; the CSV holds neither scene nor spread."""
@@ -248,12 +253,13 @@ class Track:
     def _save_csv(self, path: str | os.PathLike) -> None:
         with replacing(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(COLUMNS)
+            writer.writerow(COLUMNS if self.wrench is None else COLUMNS + COMPONENTS)
             for frame, time in enumerate(self.times.tolist()):
                 for node, name in enumerate(self.nodes):
                     if self.seen[frame, node]:
-                        pose = ["" if math.isnan(value) else value for value in self.poses[frame, node].tolist()]
-                        writer.writerow((time, name, *pose, self.push[frame]))
+                        wrench = [] if self.wrench is None else self.wrench[frame] if node == 0 else NO_READING
+                        numbers = [*self.poses[frame, node].tolist(), self.push[frame], *map(float, wrench)]
+                        writer.writerow((time, name, *("" if math.isnan(value) else value for value in numbers)))
 
     @classmethod
     def _load_csv(cls, path: str | os.PathLike, scene: Scene) -> "Track":
@@ -262,10 +268,13 @@ class Track:
                 rows = list(csv.reader(file))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise TrackError(f"{path}: cannot read this track: {error}") from None
-        if not rows or tuple(name.strip() for name in rows[0]) != COLUMNS:
-            raise TrackError(f"{path}: line 1: the header must be {','.join(COLUMNS)}")
+        header = tuple(name.strip() for name in rows[0]) if rows else ()
+        if header not in (COLUMNS, COLUMNS + COMPONENTS):
+            raise TrackError(
+                f"{path}: line 1: the header must be {','.join(COLUMNS)}, with or without {','.join(COMPONENTS)}"
+            )
         try:
-            return cls(scene, **_from_rows(rows[1:], (ROBOT, *scene.names)))
+            return cls(scene, **_from_rows(rows[1:], (ROBOT, *scene.names), measured=len(header) > len(COLUMNS)))
         except TrackError as error:
             raise TrackError(f"{path}: {error}") from None
 
@@ -277,6 +286,7 @@ class _Frames(NamedTuple):
     poses: Float[np.ndarray, "frames nodes 3"]
     push: Int[np.ndarray, " frames"]
     seen: Bool[np.ndarray, "frames nodes"]
+    wrench: Float[np.ndarray, "frames 3"]
 
 
 def _lift_between(before: _Frames, after: _Frames) -> _Frames:
@@ -293,7 +303,7 @@ def _lift_between(before: _Frames, after: _Frames) -> _Frames:
     seen = after.seen[:1] & before.seen[-1:] & rested
     poses[~seen] = np.nan
     time = np.minimum((before.times[-1:] + after.times[:1]) / 2, before.times[-1:] + FRAME)
-    return _Frames(time, poses, np.full(1, LIFTED, dtype=after.push.dtype), seen)
+    return _Frames(time, poses, np.full(1, LIFTED, dtype=after.push.dtype), seen, np.full((1, 3), np.nan))
 
 
 _ARRAYS = {"times": ("f", 1), "poses": ("f", 3), "push": ("i", 1), "seen": ("b", 2)}
@@ -307,16 +317,21 @@ def _array(file: h5py.File, name: str, kind: str, axes: int) -> np.ndarray:
     return array
 
 
-def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str, np.ndarray]:
-    """Arrays of a track from the lines of its CSV; a node without a line at some time was not seen then."""
+def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str], measured: bool) -> dict[str, np.ndarray]:
+    """Arrays of a track from the lines of its CSV; a node without a line at some time was not seen then.
+
+    measured: whether lines end with the wrench.
+    """
+    columns = len(COLUMNS) + measured * len(COMPONENTS)
     times: list[float] = []
     poses: list[np.ndarray] = []
     push: list[int] = []
+    wrench: list[tuple[float, ...]] = []
     for line, row in enumerate(rows, start=2):
         if not row:
             continue
-        if len(row) != len(COLUMNS):
-            raise TrackError(f"line {line}: {len(COLUMNS)} columns are needed, got {len(row)}")
+        if len(row) != columns:
+            raise TrackError(f"line {line}: {columns} columns are needed, got {len(row)}")
         time = _number(row[0], line, "time")
         name = row[1].strip()
         if name not in nodes:
@@ -328,6 +343,12 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str,
             times.append(time)
             poses.append(np.full((len(nodes), 3), np.nan))
             push.append(LIFTED)
+            wrench.append(NO_READING)
+        reading = reading_from_text(row[len(COLUMNS) :], f"line {line}") if measured else NO_READING
+        if name == ROBOT:
+            wrench[-1] = reading
+        elif reading is not NO_READING:
+            raise TrackError(f"line {line}: {', '.join(COMPONENTS)}: belong to the lines of {ROBOT!r}, not of {name!r}")
         if not row[2].strip() and not row[3].strip():
             continue
         if np.isfinite(poses[-1][node, 0]):
@@ -339,12 +360,13 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str]) -> dict[str,
                 raise TrackError(f"line {line}: push: must be a whole number, got {row[5]!r}")
             push[-1] = int(row[5])
     stacked = np.array(poses).reshape(-1, len(nodes), 3)
-    return {
+    arrays = {
         "times": np.array(times, dtype=float),
         "poses": stacked,
         "push": np.array(push, dtype=np.int64),
         "seen": np.isfinite(stacked[..., :2]).all(-1),
     }
+    return arrays | ({"wrench": np.array(wrench, dtype=float).reshape(-1, 3)} if measured else {})
 
 
 def _number(text: str, line: int, column: str) -> float:

@@ -13,6 +13,7 @@ from pushgraph.pose import wrap_angle
 from pushgraph.recording.findings import Finding, listed, plural, spans
 from pushgraph.recording.sightings import NO_PUSH, Sightings
 from pushgraph.track import FRAME, LIFTED, ON_TIME
+from pushgraph.wrench import check_measured, mean_since
 
 CLOCK_RESET = 1.0
 """Times that fall back by more than this (s) are a clock set anew; by less, rows out of order."""
@@ -32,6 +33,7 @@ class Series(NamedTuple):
     time: Float[np.ndarray, " sightings"]
     pose: Float[np.ndarray, "sightings 3"]
     push: Int[np.ndarray, " sightings"]
+    wrench: Float[np.ndarray, "sightings 3"]
 
     @property
     def interval(self) -> float:
@@ -46,6 +48,7 @@ class Frames(NamedTuple):
     poses: Float[np.ndarray, "frames nodes 3"]
     push: Int[np.ndarray, " frames"]
     seen: Bool[np.ndarray, "frames nodes"]
+    wrench: Float[np.ndarray, "frames 3"]
 
     @property
     def down(self) -> Bool[np.ndarray, " frames"]:
@@ -86,7 +89,7 @@ def series_of_nodes(
         doubled += int(again.sum())
         differing += int((np.abs(poses[1:] - poses[:-1])[again[1:]] > 1e-6).any(-1).sum())
         rows, poses = rows[~again], poses[~again]
-        series.append(Series(sightings.time[rows], poses, push[rows]))
+        series.append(Series(sightings.time[rows], poses, push[rows], sightings.wrench[rows]))
     if resets:
         fall, time = min(resets.values())
         cause = "a clock that was set anew, or two recordings in one file"
@@ -100,6 +103,7 @@ def series_of_nodes(
     unseen = [name for name, one in zip(nodes, series, strict=True) if not len(one.time)]
     if ROBOT in unseen or len(unseen) == len(nodes) - 1:
         raise TrackError(f"{ROBOT if ROBOT in unseen else 'any body'} was never seen")
+    check_measured(series[0].wrench, series[0].time)
     if unseen:
         findings.append(Finding(f"{listed(unseen)}: never seen, nothing is learnt of them"))
     return series, findings
@@ -130,7 +134,8 @@ def assemble(series: Sequence[Series], lag: float = 0.0) -> Frames:
             f"the robot was seen from {ends[0][0]:.2f} to {ends[0][1]:.2f} s and bodies from {ends[1][0]:.2f} to "
             f"{ends[1][1]:.2f} s, never together: give the robot's lag with --lag"
         )
-    return Frames(times[kept], poses[kept], push[kept], seen[kept])
+    wrench = mean_since(at, robot.time, robot.wrench, FRAME, ON_TIME)
+    return Frames(times[kept], poses[kept], push[kept], seen[kept], wrench[kept])
 
 
 def clock_offset(series: Sequence[Series]) -> float:

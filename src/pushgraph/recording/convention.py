@@ -90,9 +90,15 @@ class Convention:
         poses = np.concatenate((positions, yaws[:, None]), -1)
         return pose.compose(np.array(self.pose_world_from_recording), poses)
 
+    def wrench(self, wrench: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Forces along the world's axes, and moments counter-clockwise in them."""
+        force = pose.rotate(wrench[:, :2] @ np.array(self.world_from_axes).T, self.pose_world_from_recording[2])
+        return np.column_stack((force, -wrench[:, 2] if self.mirrors else wrench[:, 2]))
+
     def apply(self, sightings: Sightings) -> Sightings:
         """The same sightings in m, rad and s, in the world frame."""
         x, y, yaw = self.poses(sightings.x, sightings.y, sightings.yaw).T
+        force_x, force_y, moment = self.wrench(sightings.wrench).T
         return replace(
             sightings,
             time=sightings.time * self.time,
@@ -100,6 +106,9 @@ class Convention:
             y=y,
             yaw=yaw,
             height=sightings.height * self.length,
+            force_x=force_x,
+            force_y=force_y,
+            moment=moment,
         )
 
 

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from pushgraph.errors import TrackError
 from pushgraph.recording.isolation import read_isolated
@@ -15,6 +16,7 @@ from pushgraph.recording.readers.lerobot import read_parquet
 from pushgraph.recording.readers.motive import is_motive, read_motive
 from pushgraph.recording.sightings import COLUMNS, DEFAULTS, NO_PUSH, ReadOptions, Sightings
 from pushgraph.storage import replacing, replacing_hdf5
+from pushgraph.wrench import COMPONENTS
 
 BINARY = {
     **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
@@ -61,8 +63,11 @@ def save_sightings(sightings: Sightings, path: Path) -> None:
         raise TrackError(f"{path}: cannot be written; valid endings: .h5, .csv")
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(CSV_HEADER)
-        columns = (sightings.time, sightings.node, sightings.x, sightings.y, sightings.yaw, sightings.push)
-        for time, node, x, y, yaw, push in zip(*(column.tolist() for column in columns), strict=True):
-            pose = ["" if math.isnan(value) else value for value in (x, y, yaw)]
-            writer.writerow((time, sightings.names[node], *pose, "" if push == NO_PUSH else push))
+        measured = np.isfinite(sightings.wrench).any()
+        header = CSV_HEADER + COMPONENTS if measured else CSV_HEADER
+        writer.writerow(header)
+        columns = [getattr(sightings, name).tolist() for name in header]
+        for time, node, x, y, yaw, push, *wrench in zip(*columns, strict=True):
+            pushing = math.nan if push == NO_PUSH else push
+            numbers = ["" if math.isnan(value) else value for value in (x, y, yaw, pushing, *wrench)]
+            writer.writerow((time, sightings.names[node], *numbers))

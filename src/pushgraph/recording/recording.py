@@ -13,14 +13,15 @@ from pushgraph.errors import TrackError
 from pushgraph.recording.assembly import Frames, assemble, clock_offset, series_of_nodes
 from pushgraph.recording.convention import Convention
 from pushgraph.recording.files import read_sightings
-from pushgraph.recording.findings import Finding
+from pushgraph.recording.findings import Finding, plural, spans
 from pushgraph.recording.layout import suspicions
 from pushgraph.recording.naming import match_names, unmatched
 from pushgraph.recording.sightings import DEFAULTS, NOTHING_DECLARED, Declared, ReadOptions, Sightings
 from pushgraph.recording.tag_errors import without_tag_errors
 from pushgraph.recording.touch import MOST_LAG, Lag, estimate_lag, touch_findings
 from pushgraph.scene import Scene
-from pushgraph.track import LIFTED, Track
+from pushgraph.track import FRAME, LIFTED, ON_TIME, Track
+from pushgraph.wrench import present
 
 WIDE_SEARCH = 3.0
 """Clocks that never agree are first matched by when both begin, then by motions up to so many seconds away."""
@@ -123,7 +124,7 @@ def recording_of(
     elif offset:
         what = f"the robot's clock is {offset:g} s off the bodies', and too little moves to match them"
         findings.append(Finding(what, cause="clocks of robot and camera that differ", remedy="give --lag", grave=True))
-    findings += wrong
+    findings += wrong + _unread(cleaned)
     if not any(finding.grave for finding in wrong):
         findings += touch_findings(scene, cleaned)
     return Recording(_track(scene, cleaned), tuple(findings), offset + shifted)
@@ -149,6 +150,17 @@ def _leaning(sightings: Sightings, matched: Mapping[str, str]) -> list[Finding]:
     return [Finding(what, leaning[0], cause=cause, remedy="give --up y, or z", grave=len(leaning) > len(lean) / 2)]
 
 
+def _unread(frames: Frames) -> list[Finding]:
+    """Times of pushes without a reading of the force sensor for 0.05 s, if there is one."""
+    measured = present(frames.wrench)
+    last = np.maximum.accumulate(np.where(measured, frames.times, -np.inf))
+    missing = frames.down & (frames.times - last > FRAME - ON_TIME)
+    if not missing.any() or not measured.any():
+        return []
+    what = f"no reading of its force sensor in {missing.sum()} of {plural(int(frames.down.sum()), 'frame')}"
+    return [Finding(what, ROBOT, *spans(frames.times, missing), "readings lost, or fewer than poses")]
+
+
 def _track(scene: Scene, frames: Frames) -> Track:
     """The track of frames, of a scene whose pushes are those recorded: its own, or none if others were recorded."""
     scene = scene if frames.push.max() < max(len(scene.pushes), 1) else scene.replace(pushes=())
@@ -159,4 +171,5 @@ def _track(scene: Scene, frames: Frames) -> Track:
     seen[:, 0] = True
     poses[~seen] = np.nan
     push = np.where(frames.push < 0, LIFTED, frames.push)
-    return Track(scene, frames.times, poses, push, seen)
+    wrench = frames.wrench if present(frames.wrench).any() else None
+    return Track(scene, frames.times, poses, push, seen, wrench)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pushgraph.errors import TrackError
+from pushgraph.wrench import COMPONENTS, NO_READING
 
 FARTHEST = 1e8
 """Positions beyond this, whatever their unit, are damaged."""
@@ -52,8 +53,10 @@ class Sightings:
 
     names: of the nodes. node: index into them. time, x, y, yaw: in the recording's units; x, y, yaw NaN where lost.
     height: over the table, in the recording's unit of length; tilt: of the node's own upright axis (rad); both NaN in
-    planar recordings. push: number of the push under way, -1 while lifted, NO_PUSH where it is not said. remarks: what
-    the reader noticed. scene: JSON of the scene that the file itself holds, or empty.
+    planar recordings. push: number of the push under way, -1 while lifted, NO_PUSH where it is not said. force_x,
+    force_y, moment: what a force sensor on the tool read then (N, N m, along the recording's axes), NaN where it did
+    not; those of the robot's rows count. remarks: what the reader noticed. scene: JSON of the scene that the file
+    itself holds, or empty.
     """
 
     names: tuple[str, ...]
@@ -65,6 +68,9 @@ class Sightings:
     height: Float[np.ndarray, " rows"]
     tilt: Float[np.ndarray, " rows"]
     push: Int[np.ndarray, " rows"]
+    force_x: Float[np.ndarray, " rows"]
+    force_y: Float[np.ndarray, " rows"]
+    moment: Float[np.ndarray, " rows"]
     declared: Declared = NOTHING_DECLARED
     remarks: tuple[str, ...] = ()
     scene: str = ""
@@ -78,12 +84,17 @@ class Sightings:
         return replace(self, **{name: getattr(self, name)[keep] for name in COLUMNS})
 
     @property
+    def wrench(self) -> Float[np.ndarray, "rows 3"]:
+        """Readings of the force sensor."""
+        return np.stack([getattr(self, name) for name in COMPONENTS], -1)
+
+    @property
     def seen(self) -> Bool[np.ndarray, " rows"]:
         """Whether the node was seen; its yaw alone may be missing."""
         return (np.abs(self.x) < FARTHEST) & (np.abs(self.y) < FARTHEST)
 
 
-COLUMNS = ("time", "node", "x", "y", "yaw", "height", "tilt", "push")
+COLUMNS = ("time", "node", "x", "y", "yaw", "height", "tilt", "push", *COMPONENTS)
 """Fields of sightings that hold a value a row."""
 
 
@@ -104,9 +115,11 @@ class SightingsBuilder:
         height: float = np.nan,
         tilt: float = np.nan,
         push: int = NO_PUSH,
+        wrench: Sequence[float] = NO_READING,
     ) -> None:
         """Add a row."""
-        self._rows.append((time, self._index.setdefault(name, len(self._index)), x, y, yaw, height, tilt, push))
+        node = self._index.setdefault(name, len(self._index))
+        self._rows.append((time, node, x, y, yaw, height, tilt, push, *wrench))
 
     def finish(self, declared: Declared = NOTHING_DECLARED, remarks: Sequence[str] = ()) -> Sightings:
         """All rows added; raises TrackError if there are none."""

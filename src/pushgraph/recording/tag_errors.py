@@ -63,7 +63,7 @@ def tool_travel(frames: Frames) -> Float[np.ndarray, " frames"]:
 
 def _moved_reference(scene: Scene, frames: Frames, mend: bool) -> Checked:
     """Moments at which all bodies that are seen leap as one."""
-    findings, poses = [], frames.poses.copy()
+    findings, poses, wrench = [], frames.poses.copy(), frames.wrench.copy()
     travel = tool_travel(frames)
     usual = np.diff(travel)[np.diff(travel) > 0]
     least = LEAST_SHIFT + 2 * (float(np.median(usual)) if len(usual) else 0.0)
@@ -99,7 +99,9 @@ def _moved_reference(scene: Scene, frames: Frames, mend: bool) -> Checked:
         undone = pose.compose(poses[step, bodies[0]], pose.inverse(frames.poses[step, bodies[0]]))
         undone = pose.compose(undone, pose.inverse(pose_new_from_old))
         poses[step + 1 :, nodes] = pose.compose(undone, frames.poses[step + 1 :, nodes])
-    return Checked(frames._replace(poses=poses) if mend else frames, findings)
+        if with_robot:
+            wrench[step + 1 :, :2] = pose.rotate(frames.wrench[step + 1 :, :2], undone[2])
+    return Checked(frames._replace(poses=poses, wrench=wrench) if mend else frames, findings)
 
 
 def _exchanged_tags(scene: Scene, frames: Frames, mend: bool) -> Checked:
@@ -238,5 +240,3 @@ def _round(scene: Scene) -> bool:
     """Whether the tool's yaw means nothing."""
     parts = scene.tool.parts
     return len(parts) == 1 and isinstance(parts[0].shape, Cylinder) and parts[0].pose_tool_from_part[:2] == (0.0, 0.0)
-
-

@@ -12,8 +12,15 @@ import numpy as np
 
 from pushgraph.errors import TrackError
 from pushgraph.recording.convention import SYNONYMS, declared_units
-from pushgraph.recording.readers.wide_table import COORDINATES, coordinates_of_nodes, pose_in_plane, sightings_of_table
+from pushgraph.recording.readers.wide_table import (
+    COORDINATES,
+    columns_of_wrench,
+    coordinates_of_nodes,
+    pose_in_plane,
+    sightings_of_table,
+)
 from pushgraph.recording.sightings import NO_PUSH, Declared, ReadOptions, Sightings, SightingsBuilder
+from pushgraph.wrench import COMPONENTS, NO_READING, UNITS
 
 COLUMNS = {
     **COORDINATES,
@@ -21,6 +28,7 @@ COLUMNS = {
     **dict.fromkeys(("node", "name", "body", "object", "tag", "id", "marker", "frame_id", "child_frame_id"), "node"),
     **dict.fromkeys(("push", "push_id", "stroke"), "push"),
     "down": "down",
+    **{name: name for name in COMPONENTS},
 }
 LOST = ("", "nan", "na", "n/a", "none", "null", "-", "inf", "-inf", "+inf", "lost")
 """What stands for a number that is not known."""
@@ -57,6 +65,7 @@ class _Table:
         self._delimiter = max(",;\t", key=header.count)
         self._rows = csv.reader(chain([header], lines), delimiter=self._delimiter)
         self._columns = [self._column(name) for name in next(self._rows, [])]
+        self._wrench = columns_of_wrench(self._columns)
 
     def read(self) -> Sightings:
         places = {COLUMNS[name.lower()]: k for k, name in enumerate(self._columns) if name.lower() in COLUMNS}
@@ -74,26 +83,28 @@ class _Table:
 
     def _read_long(self, places: dict[str, int]) -> Sightings:
         builder = SightingsBuilder()
-        numbers = [name for name in places if name not in ("time", "node", "push", "down")]
+        numbers = [name for name in places if name not in ("time", "node", "push", "down", *COMPONENTS)]
         for line, row in self._lines():
             name = row[places["node"]].strip()
             if not name:
                 raise TrackError(f"line {line}: node: is empty")
             value = {coordinate: self._number(row[places[coordinate]], line, coordinate) for coordinate in numbers}
             time = self._time(row, places, line)
-            builder.add(name, time, *pose_in_plane(value, self._options), self._push(row, places, line))
+            wrench = [self._number(row[k], line, self._columns[k]) for k in self._wrench] or NO_READING
+            builder.add(name, time, *pose_in_plane(value, self._options), self._push(row, places, line), wrench)
         return builder.finish(self._declared)
 
     def _read_wide(self, places: dict[str, int], nodes: dict[str, dict[str, int]]) -> Sightings:
         times, values, push = [], [], []
-        needed = sorted({index for found in nodes.values() for index in found.values()})
+        needed = sorted({index for found in nodes.values() for index in found.values()} | {*self._wrench})
         for line, row in self._lines():
             times.append(self._time(row, places, line))
             values.append([self._number(row[index], line, self._columns[index]) for index in needed])
             push.append(self._push(row, places, line))
         table = {node: {name: needed.index(k) for name, k in found.items()} for node, found in nodes.items()}
+        wrench = [needed.index(k) for k in self._wrench]
         whole = np.array(values, dtype=float).reshape(-1, len(needed))
-        return sightings_of_table(table, np.array(times), whole, push, self._declared, self._options)
+        return sightings_of_table(table, wrench, np.array(times), whole, push, self._declared, self._options)
 
     def _lines(self) -> Iterator[tuple[int, Sequence[str]]]:
         for row in self._rows:
@@ -111,9 +122,15 @@ class _Table:
         stem, _, ending = bare.rpartition("_")
         if unit is None and stem and SYNONYMS.get(ending, ending) in ("cm", "mm", "deg", "rad", "ms", "us", "ns"):
             bare, unit = stem, ending
-        if unit:
+        if bare.lower() in COMPONENTS:
+            self._check_unit_of_wrench(bare.lower(), unit)
+        elif unit:
             self._declare(f"units: {unit}", f"line {self._skipped}: column {name.strip()!r}")
         return bare
+
+    def _check_unit_of_wrench(self, name: str, unit: str | None) -> None:
+        if unit is not None and re.sub(r"[ *·]", "", unit) != UNITS[name].replace(" ", ""):
+            raise TrackError(f"line {self._skipped}: {name} is in {unit!r}; valid: {UNITS[name]}")
 
     def _declare(self, text: str, where: str) -> None:
         """Take `units: mm deg`, `axes: x,-y`, `frame: 0.1 0 90`; other comments say nothing to us."""

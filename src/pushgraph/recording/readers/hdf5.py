@@ -10,6 +10,7 @@ import numpy as np
 from pushgraph.errors import TrackError
 from pushgraph.recording.sightings import COLUMNS, NO_PUSH, ReadOptions, Sightings
 from pushgraph.stored_array import stored
+from pushgraph.wrench import COMPONENTS
 
 SIGHTINGS = "pushgraph.sightings"
 TRACK = "pushgraph.track"
@@ -39,12 +40,19 @@ def _of_track(file: h5py.File, names: tuple[str, ...]) -> Sightings:
     scene = file.attrs.get("scene")
     if not isinstance(scene, str):
         raise TrackError("attribute 'scene' must be the scene as JSON")
-    return Sightings(names, times, node, x, y, yaw, nothing, nothing, push, scene=scene)
+    wrench = np.asarray(stored(file, "wrench")) if "wrench" in file else np.full((frames, 3), np.nan)
+    if wrench.shape != (frames, 3) or wrench.dtype.kind not in "fiu":
+        raise TrackError(f"wrench: must be numbers, {(frames, 3)}; got {wrench.dtype} {wrench.shape}")
+    force_x, force_y, moment = np.repeat(wrench.astype(float), len(names), axis=0).T
+    return Sightings(names, times, node, x, y, yaw, nothing, nothing, push, force_x, force_y, moment, scene=scene)
 
 
 def _of_sightings(file: h5py.File, names: tuple[str, ...]) -> Sightings:
-    columns: dict[str, Any] = {name: np.asarray(stored(file, name)) for name in COLUMNS}
+    columns: dict[str, Any] = {name: np.asarray(stored(file, name)) for name in COLUMNS if name in file}
+    for name in set(COLUMNS) - set(COMPONENTS) - set(columns):
+        raise TrackError(f"{name}: is missing")
     rows = len(columns["time"])
+    columns = {name: np.full(rows, np.nan) for name in COMPONENTS} | columns
     for name, column in columns.items():
         whole = name in ("node", "push")
         if column.shape != (rows,) or column.dtype.kind not in ("iu" if whole else "fiu"):

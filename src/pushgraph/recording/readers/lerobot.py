@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pushgraph.errors import TrackError
-from pushgraph.recording.readers.wide_table import coordinates_of_nodes, sightings_of_table
+from pushgraph.recording.readers.wide_table import columns_of_wrench, coordinates_of_nodes, sightings_of_table
 from pushgraph.recording.sightings import Declared, ReadOptions, Sightings
 
 LONGEST_VECTOR = 4096
@@ -41,7 +41,8 @@ def read_parquet(path: Path, options: ReadOptions) -> Sightings:
     if not nodes:
         raise TrackError(f"no columns such as cup_x, cup_y, cup_yaw; columns: {', '.join(names)[:500]}")
     push = columns[names.index("push")].astype(int).tolist() if "push" in names else None
-    return sightings_of_table(nodes, columns[time], np.stack(columns, -1), push, Declared(), options)
+    wrench = columns_of_wrench(names)
+    return sightings_of_table(nodes, wrench, columns[time], np.stack(columns, -1), push, Declared(), options)
 
 
 def _holds_numbers(kind, arrow) -> bool:
