@@ -63,7 +63,7 @@ class PriorBelief(BeliefModel):
 
     def begin(self, scenes, poses, tool, down, seen) -> Watch:
         self.scenes, self.sensed, self.frames = scenes, None, 1
-        return Watch(None, torch.zeros(0), torch.zeros(0), torch.zeros(0))
+        return Watch(*[None] * len(Watch._fields))
 
     def observe(self, watch, poses, tool, down, seen, wrench=None) -> Watch:
         self.frames += 1
