@@ -17,7 +17,7 @@ from pushgraph.simulation.planar import simulate
 
 SAMPLES = 20_000
 """Of an answer, at least."""
-FIRST_CELLS = {1: 64, 2: 16}
+FIRST_CELLS = {1: 64, 2: 32}
 """Of the first table, in each dimension, by the number of dimensions."""
 MOVES = 0.05
 """A table is fine enough once posterior means move by less than this (kg) when its cells are halved."""

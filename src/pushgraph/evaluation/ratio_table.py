@@ -61,12 +61,6 @@ class RatioTable:
         cell = np.floor((log_ratios - self.lowest) / self.spacing).astype(np.int64)
         return tuple(cell.clip(0, np.array(self.reached.shape) - 1).T)
 
-    def coarser(self, classes: Sequence[MassClass]) -> "RatioTable":
-        """Every other node."""
-        every_other = (slice(None, None, 2),) * self.dimensions
-        lowest, spacing, cells = grid_of(classes, self.reached.shape[0] // 2)
-        return RatioTable(lowest, spacing, self.poses[every_other], reached_cells(classes, self.dimensions, cells))
-
 
 def grid_of(classes: Sequence[MassClass], cells: int) -> tuple[float, float, int]:
     """Lowest log ratio that the prior allows, the spacing of so many cells from there to the highest, and the cells."""
