@@ -113,7 +113,7 @@ def save_alike(scenes: Sequence[ControlledScene], path: str | os.PathLike) -> bo
     chosen = [scenes[k] for k in pair]
     told = [key for key in chosen[0].answers if key[0] != "median_guess"]
     figure = Figure(figsize=(10, 7.5), layout="constrained")
-    figure.suptitle(f"Bodies are {100 * apart:.2f} cm apart on average, and weigh differently")
+    figure.suptitle(f"Bodies are {1000 * apart:.2g} mm apart on average, and weigh differently")
     for column, (above, below) in enumerate(figure.subplots(2, 2, sharey="row").T):
         _draw_motion(above, controlled_scene(chosen[column].objects), chosen[column])
         _draw_intervals(below, chosen[column], told)
