@@ -141,7 +141,7 @@ def _masses_table(results, objects: int) -> Table:
     table.caption = "right: likeliest class; slide: relative error of the force that slides a body, in the median"
     names = ("observed_frames", "input", "model", "metric", "subset")
     shown = [
-        row for row in results.rows if row["objects"] == objects and row["observed_frames"] in (20, 50, 100, "end")
+        row for row in results.rows if row["objects"] == objects and row["observed_frames"] in (20, 40, 100, "end")
     ]
     values = {tuple(row[name] for name in names): row["value"] for row in shown}
     order = sorted(dict.fromkeys(key[:3] for key in values), key=lambda key: (key[0] == "end", key[0]))

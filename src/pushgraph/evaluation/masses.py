@@ -23,8 +23,10 @@ from pushgraph.simulation.planar_model import GRAVITY
 from pushgraph.track import Track
 
 SETUP = "different-masses"
-OBSERVED = tuple(range(10, 201, 10))
+OBSERVED = (10, 20, 30, *range(40, 201, 20))
 """Observed frames after which beliefs are asked; a shorter trajectory keeps its last answer."""
+ENDS = 20
+"""A trajectory that has ended rests until the next multiple of so many frames: few frames are asked about then."""
 TIMES: tuple[int | str, ...] = (*OBSERVED, "end")
 INPUTS = ("motion", "force", "force_friction_unknown")
 """What is observed: poses, or poses and the tool's force sensor; on a table whose friction is known, or may be any of
@@ -123,9 +125,10 @@ def _watch(
     inputs: Sequence[str],
 ) -> list[dict[str, Told]]:
     """What is told of each track, by input."""
-    longest = max(len(track.times) for track in tracks)
+    ends = torch.tensor([-(-len(track.times) // ENDS) * ENDS for track in tracks])
+    longest = int(ends.max())
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)
-    times = torch.tensor([*OBSERVED, longest]).minimum(seen.lengths[:, None]) - 1
+    times = torch.tensor([*OBSERVED, longest]).minimum(ends[:, None]) - 1
     touched = find_touched(scenes, seen)
     told: list[dict[str, Told]] = [{} for _ in tracks]
     for given in inputs:
