@@ -444,8 +444,7 @@ def test_rollouts_start_from_the_truth_as_it_moves_and_count_what_the_track_has(
             told.append(control)
             return Advance(state.motions, torch.ones(len(state.poses)))
 
-    both = [scenes.relations] * 2
-    errors = rollout_errors(Coasting(), scenes, seen, [10, 0], [both, both])
+    errors = rollout_errors(Coasting(), seen, torch.tensor([[10, 10], [0, 0]]), [[scenes] * 2] * 2)
     assert errors.shape == (2, 2, 2)
     assert torch.equal(errors[:, 0], errors[:, 1])
     assert errors[0, 0, 0].item() == pytest.approx(0.0, abs=1e-9)

@@ -6,7 +6,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, recordings, scenes, training
+from pushgraph.cli import data, evaluating, evaluating_masses, recordings, scenes, training
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -25,6 +25,8 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(training.app, name="train")
+for name, measure in evaluating_masses.COMMANDS.items():
+    evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 
 

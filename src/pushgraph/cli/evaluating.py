@@ -49,12 +49,12 @@ def physics(
     from pushgraph.evaluation.physics import evaluate_physics
 
     models = {"propnet": propnet, "contact": contact}
-    results, scenes = _measure(evaluate_physics, objects, count, seed, models, workers)
+    results, scenes = measure(evaluate_physics, numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_histogram(scenes, ("still", "propnet", "contact", "noise_floor"), out / "histogram.png")
-    for number in _numbers(objects):
+    for number in numbers_of(objects):
         console.print(_physics_table(results, number))
-    _say_written(out, "histogram.png")
+    say_written(out, "histogram.png")
 
 
 @app.command("belief")
@@ -84,13 +84,13 @@ def belief(
     from pushgraph.evaluation.figures import save_belief_curves, save_reliability
 
     models = {"belief": belief, "paper_recipe": paper_recipe}
-    results, scenes = _measure(partial(evaluate_belief, setup=setup), objects, count, seed, models, workers)
+    results, scenes = measure(partial(evaluate_belief, setup=setup), numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_belief_curves(results.rows, out / "curves.png")
     save_reliability(scenes, tuple(models), out / "reliability.png")
-    for number in _numbers(objects):
+    for number in numbers_of(objects):
         console.print(_belief_table(results, number))
-    _say_written(out, "curves.png", "reliability.png")
+    say_written(out, "curves.png", "reliability.png")
 
 
 @app.command("coupled")
@@ -115,12 +115,12 @@ def coupled(
     from pushgraph.evaluation.figures import save_coupled_curves
 
     models = {"contact": contact, "belief": belief}
-    results, scenes = _measure(evaluate_coupled, objects, count, seed, models, workers)
+    results, scenes = measure(evaluate_coupled, numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_coupled_curves(scenes, out / "coupled.png")
-    for number in _numbers(objects):
+    for number in numbers_of(objects):
         console.print(_coupled_table(scenes, number))
-    _say_written(out, "coupled.png")
+    say_written(out, "coupled.png")
 
 
 @app.command("spread")
@@ -148,31 +148,32 @@ def spread(
     from pushgraph.evaluation.spread import evaluate_spread
 
     models = {"contact": contact, "spread": spread, "belief": belief}
-    results, scenes = _measure(evaluate_spread, objects, count, seed, models, workers)
+    results, scenes = measure(evaluate_spread, numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_coverage(scenes, out / "coverage.png")
-    for number in _numbers(objects):
+    for number in numbers_of(objects):
         console.print(_spread_table(results, number))
-    _say_written(out, "coverage.png")
+    say_written(out, "coverage.png")
 
 
-def _numbers(objects: int | list[int] | None) -> tuple[int, ...]:
-    chosen = (objects,) if isinstance(objects, int) else tuple(dict.fromkeys(objects or (6, 9, 12)))
+def numbers_of(objects: int | list[int] | None, valid: tuple[int, ...] = (6, 9, 12)) -> tuple[int, ...]:
+    """The numbers of objects that are asked for: all that are valid, if none is given."""
+    chosen = (objects,) if isinstance(objects, int) else tuple(dict.fromkeys(objects or valid))
     for number in chosen:
-        if number not in (6, 9, 12):
-            raise typer.BadParameter(f"{number}; valid: 6, 9, 12", param_hint="--objects")
+        if number not in valid:
+            raise typer.BadParameter(f"{number}; valid: {', '.join(map(str, valid))}", param_hint="--objects")
     return chosen
 
 
-def _measure(suite, objects: int | list[int] | None, count: int, seed: int, models: dict[str, str], workers: int):
+def measure(suite, numbers: tuple[int, ...], count: int, seed: int, models: dict[str, str], workers: int):
     """Run a suite behind a progress bar."""
-    numbers = _numbers(objects)
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task("scenes", total=count * len(numbers))
         return suite(numbers, count, seed, models, workers, lambda done: progress.update(task, completed=done))
 
 
-def _say_written(out: Path, *figures: str) -> None:
+def say_written(out: Path, *figures: str) -> None:
+    """Tell where the files are."""
     written = ", ".join(str(out / name) for name in ("results.json", *figures))
     console.print(f"Written: {written}", soft_wrap=True, markup=False)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from pushgraph.belief import BeliefModel
 from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
-from pushgraph.evaluation.recording import Recording, record, watch
+from pushgraph.evaluation.recording import Recording, ask, record
 from pushgraph.evaluation.results import Results
 from pushgraph.graph.believed import JointPlaces, joint_places
 from pushgraph.graph.joint_truth import (
@@ -26,7 +26,6 @@ from pushgraph.graph.joint_truth import (
     unaware,
 )
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, SceneBatch, batch_scenes, concatenate
-from pushgraph.graph.watching import View
 
 OBSERVED = (10, *range(20, 201, 20))
 """Observed frames after which beliefs are asked; a shorter trajectory keeps its last answer."""
@@ -128,9 +127,10 @@ def answer_block(block: Block) -> list[SceneAnswers]:
     noisy = concatenate([add_noise(seen, noise, block) for noise in NOISES.values()])
     watched, all_times = concatenate([scenes] * len(NOISES)), times.repeat(len(NOISES), 1)
     for name, path in block.models:
-        probabilities, end = ask(BeliefModel.load(path), unaware(watched), noisy, all_times)
+        model = BeliefModel.load(path)
+        probabilities, end = ask(model.probabilities, model, unaware(watched), noisy, all_times)
         top, likeliest = probabilities.max(-1)
-        errors = place_errors(watched.relations, joint_places(end.state, end.fits))
+        errors = place_errors(watched.relations, joint_places(end.view.state, end.view.fits))
         of_noises = (values.chunk(len(NOISES)) for values in (likeliest, top, *errors))
         for noise, kind, certain, *error in zip(NOISES, *of_noises, strict=True):
             answered = _arrays(kind, close(scenes, kind), _of_pieces(scenes, kind), certain)
@@ -146,19 +146,6 @@ def answer_block(block: Block) -> list[SceneAnswers]:
         )
         for k in range(len(tracks))
     ]
-
-
-def ask(
-    model: BeliefModel, scenes: SceneBatch, seen: Recording, times: Int[Tensor, "batch times"]
-) -> tuple[Float[Tensor, "batch times pairs joints"], View]:
-    """Probabilities of all pairs after each scene's frames `times`, and what was seen in the end."""
-    wanted = set(times.flatten().tolist())
-    told = {}
-    for frame, watched in enumerate(watch(model, scenes, seen)):
-        if frame in wanted:
-            told[frame] = model.probabilities(watched)
-    at_times = [torch.stack([told[time][k] for time in row]) for k, row in enumerate(times.tolist())]
-    return torch.stack(at_times), watched.view
 
 
 def place_errors(

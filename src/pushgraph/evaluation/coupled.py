@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
@@ -85,14 +85,15 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     belief = BeliefModel.load(checkpoints["belief"])
     tracks = [trajectory.track for trajectory in block.draw()]
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, max(STARTS) + FRAMES)
-    assumed: list[list[Relations]] = []
+    assumed: list[list[SceneBatch]] = []
     for frame, watched in zip(range(max(STARTS) + 1), watch(belief, unaware(scenes), seen), strict=False):
         if frame in STARTS:
             kind, view = belief.probabilities(watched).argmax(-1), watched.view
             believed = believe(view.state, kind, view.fits).relations
             relations = {"belief": believed} | assumptions(scenes, seen.bodies[:, : frame + 1])
-            assumed.append([relations[model] for model in MODELS])
-    errors = rollout_errors(dynamics, scenes, seen, STARTS, assumed).numpy()
+            assumed.append([scenes._replace(relations=relations[model]) for model in MODELS])
+    starts = torch.tensor(STARTS)[:, None].expand(-1, len(tracks))
+    errors = rollout_errors(dynamics, seen, starts, assumed).numpy()
     return [CoupledErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))]
 
 
@@ -129,31 +130,32 @@ def all_fixed(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], gap: f
 @torch.no_grad()
 def rollout_errors(
     dynamics: Dynamics,
-    scenes: SceneBatch,
     seen: Recording,
-    starts: Sequence[int],
-    assumed: Sequence[Sequence[Relations]],
+    starts: Int[Tensor, "starts batch"],
+    assumed: Sequence[Sequence[SceneBatch]],
 ) -> Float[Tensor, "starts assumed batch"]:
-    """Mean position error (m), over frames and bodies, of rollouts from the true state in each of `starts`.
+    """Mean position error (m), over frames and bodies, of rollouts from the true state in the frames `starts`.
 
-    assumed: relations at each start. All are predicted side by side. How bodies moved in the frame before is known.
+    assumed: what the scenes are taken for at each start. All are predicted side by side. How bodies moved in the frame
+    before is known. NaN where a scene had ended by then.
     """
-    befores = [max(start - 1, 0) for start in starts]
-    states = [
-        State(scenes, seen.bodies[:, start], seen.bodies[:, start] - seen.bodies[:, before], relations)
-        for start, before, several in zip(starts, befores, assumed, strict=True)
-        for relations in several
-    ]
-    shape = len(starts), len(states) // len(starts), len(scenes.tool_radius)
+    shape = len(starts), len(assumed[0]), starts.shape[1]
+    states = []
+    for start, several in zip(starts, assumed, strict=True):
+        (before,), (now,) = (_at(seen.bodies, frame[None]) for frame in ((start - 1).clamp(min=0), start))
+        states += [State(scenes, now, now - before, scenes.relations) for scenes in several]
 
-    def from_starts(values: Tensor, course: list[list[int]]) -> Tensor:
+    def from_starts(values: Tensor) -> Tensor:
         """Frames of every start, alike for all that is assumed."""
-        chosen = values[:, torch.tensor(course)].transpose(0, 1)[:, None]
+        chosen = torch.stack([_at(values, starts + k) for k in range(FRAMES)], 2)[:, None]
         return chosen.expand(*shape, *chosen.shape[3:]).flatten(0, 2)
 
-    frames = [list(range(start, start + FRAMES)) for start in starts]
-    tool, down = from_starts(seen.tool, frames), from_starts(seen.down, frames)
-    predicted = rollout(dynamics, concatenate(states), tool, down).poses
-    distance = (predicted - from_starts(seen.bodies, frames))[..., :2].norm(dim=-1).mean(-1).unflatten(0, shape)
-    there = (torch.tensor(frames)[:, None] < seen.lengths[:, None])[:, None]
+    predicted = rollout(dynamics, concatenate(states), from_starts(seen.tool), from_starts(seen.down)).poses
+    distance = (predicted - from_starts(seen.bodies))[..., :2].norm(dim=-1).mean(-1).unflatten(0, shape)
+    there = (starts[..., None] + torch.arange(FRAMES) < seen.lengths[:, None])[:, None]
     return (distance * there).sum(-1) / there.sum(-1)
+
+
+def _at(values: Tensor, frames: Int[Tensor, "starts batch"]) -> Tensor:
+    """[starts batch ...]: values, [batch frames ...], of each scene in its own frames."""
+    return values[torch.arange(len(values)), frames]

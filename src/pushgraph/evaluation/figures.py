@@ -20,6 +20,7 @@ COLOURS = {
     **{"still": "#bbbbbb", "propnet": "#d08000", "contact": "#2060c0", "noise_floor": "#40a060"},
     **{"belief": "#2060c0", "paper_recipe": "#d08000", "informed": "#40a060"},
     **{"oracle": "#202020", "informed_oracle": "#40a060"},
+    **{"ratio_observer": "#40a060", "exact": "#40a060", "mean_guess": "#d08000", "median_guess": "#bbbbbb"},
     **{"no_joint": "#bbbbbb", "all_fixed": "#c04040", "all_fixed_5cm": "#e0a0a0"},
 }
 JOINT_COLOURS = {"none": "#2060c0", "fixed": "#c04040", "prismatic": "#40a060", "revolute": "#d08000"}
@@ -54,7 +55,7 @@ def save_histogram(
             axes.grid(axis="y", alpha=0.3)
     handles, names = grid[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=len(names), frameon=False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def save_belief_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike) -> None:
@@ -79,7 +80,7 @@ def save_belief_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLik
             axes.set(title=f"{metric}, {number} objects", xlabel="observed frames")
             axes.grid(alpha=0.3)
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def save_reliability(scenes: Sequence[SceneAnswers], models: Sequence[str], path: str | os.PathLike) -> None:
@@ -99,7 +100,7 @@ def save_reliability(scenes: Sequence[SceneAnswers], models: Sequence[str], path
             axes.set(title=f"{observed} observed frames, noise: {noise}", xlabel="probability", ylabel="share right")
             axes.grid(alpha=0.3)
     grid[0, 0].legend()
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def save_coupled_curves(scenes: Sequence[CoupledErrors], path: str | os.PathLike) -> None:
@@ -116,7 +117,7 @@ def save_coupled_curves(scenes: Sequence[CoupledErrors], path: str | os.PathLike
         axes.grid(alpha=0.3)
     handles, names = row[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def save_coverage(scenes: Sequence[SceneSpread], path: str | os.PathLike) -> None:
@@ -143,9 +144,10 @@ def save_coverage(scenes: Sequence[SceneSpread], path: str | os.PathLike) -> Non
             axes.set(title=f"{what}, {number} objects", xlabel="stated probability", ylabel="share within")
             axes.grid(alpha=0.3)
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
-def _save(figure: Figure, path: str | os.PathLike) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike) -> None:
+    """Write a figure; the kind of file is as the name ends."""
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)

@@ -60,7 +60,11 @@ def rigid_pairs(group: Int[Tensor, "batch bodies"]) -> Bool[Tensor, "batch pairs
 
 def unaware(scenes: SceneBatch) -> SceneBatch:
     """The scenes as one sees them who knows neither joints nor masses."""
-    scenes = hide_relations(scenes, ~rigid_pairs(scenes.group))
+    return unweighed(hide_relations(scenes, ~rigid_pairs(scenes.group)))
+
+
+def unweighed(scenes: SceneBatch) -> SceneBatch:
+    """The scenes as one sees them who does not know masses."""
     return scenes._replace(
         mass=torch.full_like(scenes.mass, NOMINAL_MASS), mass_known=torch.zeros_like(scenes.mass_known)
     )

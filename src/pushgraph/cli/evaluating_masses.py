@@ -1,0 +1,192 @@
+"""The commands of `pushgraph evaluate` that are about masses."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import Progress
+from rich.table import Table
+
+from pushgraph.cli.evaluating import CORES, Count, Objects, Out, Seed, Workers, measure, numbers_of, say_written
+from pushgraph.cli.output import BAR, console
+
+Belief = Annotated[str, typer.Option(help="Checkpoint to measure as belief.")]
+
+
+def masses(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-masses"),
+    objects: Objects = None,
+    belief: Belief = "belief",
+    workers: Workers = CORES,
+) -> None:
+    """Watch test scenes with `belief`, and score what it says bodies weigh, beside the best that motion allows.
+
+    Examples:
+
+    `pushgraph evaluate masses --count 500 --objects 9 --out result`
+
+    `pushgraph evaluate masses --count 120 --belief my.safetensors`
+    """
+    from pushgraph.evaluation.mass_figures import save_mass_curves
+    from pushgraph.evaluation.masses import evaluate_masses
+
+    numbers = numbers_of(objects)
+    results, _ = measure(evaluate_masses, numbers, count, seed, {"belief": belief}, workers)
+    results.save(out / "results.json")
+    save_mass_curves(results.rows, out / "curves.png")
+    for number in numbers:
+        console.print(_masses_table(results, number))
+    say_written(out, "curves.png")
+
+
+def controlled_masses(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-controlled-masses"),
+    objects: Annotated[int | None, typer.Option(help="2 or 3.", show_default="both")] = None,
+    belief: Belief = "belief",
+    workers: Workers = CORES,
+) -> None:
+    """Compare what `belief` says of two scenes of which only the masses change with the best that can be said.
+
+    For that, every ratio of masses is simulated, the first time on a machine: some minutes.
+
+    Examples:
+
+    `pushgraph evaluate controlled-masses --count 1000 --out result`
+
+    `pushgraph evaluate controlled-masses --objects 2 --belief my.safetensors`
+    """
+    from pushgraph.evaluation.controlled_masses import CONTROLLED_OBJECTS, evaluate_controlled_masses
+    from pushgraph.evaluation.mass_figures import save_alike, save_confusion, save_mass_histograms
+
+    numbers = numbers_of(objects, CONTROLLED_OBJECTS)
+    with Progress(*BAR, console=console) as progress:
+        once = progress.add_task("simulations, once", total=None, visible=False)
+        task = progress.add_task("scenes", total=count * len(numbers))
+        results, scenes = evaluate_controlled_masses(
+            numbers,
+            count,
+            seed,
+            {"belief": belief},
+            workers,
+            lambda done: progress.update(task, completed=done),
+            lambda done, total: progress.update(once, completed=done, total=total, visible=True),
+        )
+    results.save(out / "results.json")
+    save_mass_histograms(scenes, out / "histograms.png")
+    save_confusion(scenes, out / "confusion.png")
+    written = ["histograms.png", "confusion.png"]
+    if save_alike(scenes, out / "alike.png"):
+        written.append("alike.png")
+    for number in numbers:
+        console.print(_controlled_table(results, scenes, number))
+    say_written(out, *written)
+
+
+def coupled_masses(
+    count: Count = 120,
+    seed: Seed = 1_000_000,
+    out: Out = Path("evaluation-coupled-masses"),
+    objects: Objects = None,
+    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    workers: Workers = CORES,
+) -> None:
+    """Predict test scenes with the masses believed after so many observed frames, beside true and mean ones.
+
+    Examples:
+
+    `pushgraph evaluate coupled-masses --count 500 --objects 9 --out result`
+
+    `pushgraph evaluate coupled-masses --count 120 --belief my.safetensors`
+    """
+    from pushgraph.evaluation.coupled_masses import evaluate_coupled_masses
+    from pushgraph.evaluation.mass_figures import save_coupled_mass_curves
+
+    numbers, models = numbers_of(objects), {"contact": contact, "belief": belief}
+    results, scenes = measure(evaluate_coupled_masses, numbers, count, seed, models, workers)
+    results.save(out / "results.json")
+    save_coupled_mass_curves(scenes, out / "coupled.png")
+    for number in numbers:
+        console.print(_coupled_table(scenes, number))
+    say_written(out, "coupled.png")
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "masses": masses,
+    "controlled-masses": controlled_masses,
+    "coupled-masses": coupled_masses,
+}
+
+
+def _cells(values: list[float | None], digits: int = 3) -> list[str]:
+    return ["-" if value is None else f"{value:.{digits}f}" for value in values]
+
+
+def _masses_table(results, objects: int) -> Table:
+    table = Table(title=f"Masses, {objects} objects (95 % interval over scenes in results.json)", pad_edge=False)
+    wanted = [
+        *(("mean_abs_error_kg", subset) for subset in ("all", "touched", "pushed")),
+        *(("interval_accuracy", subset) for subset in ("touched", "pushed")),
+        *(("coverage_68", "all"), ("ece", "all"), ("slide_error", "pushed")),
+    ]
+    columns = ("error, kg", "touched", "pushed", "right, touched", "pushed", "68 %", "ece", "slide, pushed")
+    for name in ("frames", "input", "model", *columns):
+        table.add_column(name, justify="left" if name in ("input", "model") else "right")
+    table.caption = "right: likeliest class; slide: relative error of the force that slides a body, in the median"
+    names = ("observed_frames", "input", "model", "metric", "subset")
+    shown = [
+        row for row in results.rows if row["objects"] == objects and row["observed_frames"] in (20, 40, 100, "end")
+    ]
+    values = {tuple(row[name] for name in names): row["value"] for row in shown}
+    order = sorted(dict.fromkeys(key[:3] for key in values), key=lambda key: (key[0] == "end", key[0]))
+    for observed, some in itertools.groupby(order, key=lambda key: key[0]):
+        table.add_section()
+        for _, given, model in some:
+            told = [values.get((observed, given, model, *one)) for one in wanted]
+            table.add_row(str(observed), given.replace("_", " "), model.replace("_", " "), *_cells(told, 2))
+    return table
+
+
+def _controlled_table(results, scenes, objects: int) -> Table:
+    from pushgraph.evaluation.controlled_masses import histogram, mix_ups, reference_histogram
+
+    title = f"Controlled scenes of {objects} objects (95 % interval over scenes in results.json)"
+    table = Table(title=title, pad_edge=False)
+    metrics = ("mean_abs_error_kg", "interval_accuracy", "log_score", "coverage_68", "share_under_1_kg", "ece")
+    names = ("error, kg", "right", "log score", "68 %", "< 1 kg", "ece", "mean error", "rms", "mixed up")
+    for name in ("model", "input", *names):
+        table.add_column(name, justify="left" if name in ("model", "input") else "right")
+    table.caption = (
+        "scenes by mean error (< 1, 1-2, 2-4, 4-8, > 8 kg); by the reference's root mean square, the robot included "
+        "(< 0.71, -1.41, -2.83, -5.66, more); by worst mistake (none, neighbouring classes, light and heavy)"
+    )
+    chosen = [scene for scene in scenes if scene.objects == objects]
+    for model, given in chosen[0].answers:
+        labels = {"model": model, "input": given, "objects": objects}
+        rows = [row for row in results.rows if labels.items() <= row.items()]
+        values = {row["metric"]: row["value"] for row in rows}
+        counts = (count(chosen, model, given).tolist() for count in (histogram, reference_histogram, mix_ups))
+        bars = (" ".join(map(str, some)) for some in counts)
+        table.add_row(model.replace("_", " "), given, *_cells([values[metric] for metric in metrics]), *bars)
+    return table
+
+
+def _coupled_table(scenes, objects: int) -> Table:
+    from pushgraph.evaluation.coupled_masses import MODELS, TIMES, mean_and_standard_error
+
+    title = f"Rollouts of 50 frames, {objects} objects (mean error ± standard error, cm)"
+    table = Table(title=title, pad_edge=False)
+    table.add_column("frames", justify="right")
+    columns = []
+    for model in MODELS:
+        table.add_column(model.replace("_", " "), justify="right")
+        columns.append(zip(*mean_and_standard_error(scenes, objects, model), strict=True))
+    for frames, *cells in zip(TIMES, *columns, strict=True):
+        table.add_row(str(frames).replace("_", " "), *(f"{mean:.2f}±{error:.2f}" for mean, error in cells))
+    return table

@@ -1,0 +1,101 @@
+"""The suite `coupled-masses`: predictions that use the masses believed so far, beside true and mean ones."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from pushgraph.belief import BeliefModel
+from pushgraph.evaluation.blocks import Block, measure_blocks
+from pushgraph.evaluation.coupled import FRAMES, STARTS, rollout_errors
+from pushgraph.evaluation.mass_answers import prior_mean
+from pushgraph.evaluation.masses import SETUP
+from pushgraph.evaluation.recording import ask, record
+from pushgraph.evaluation.results import Results
+from pushgraph.graph.joint_truth import unweighed
+from pushgraph.graph.scene_batch import SceneBatch, batch_scenes
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.track import Track
+
+FIRST_PUSH = "first_push"
+"""Stands for the last frame of the first push, the rest after it included."""
+TIMES: tuple[int | str, ...] = (*STARTS, FIRST_PUSH)
+"""Observed frames before a rollout of FRAMES starts; frame 0 is seen in any case."""
+MODELS = ("oracle", "belief", "mean_guess")
+
+
+class CoupledMassErrors(NamedTuple):
+    """Mean position errors (m) in one scene by model, from each of TIMES on; NaN from where it has ended."""
+
+    objects: int
+    errors: dict[str, Float[np.ndarray, " times"]]
+
+
+def evaluate_coupled_masses(
+    objects: Sequence[int],
+    count: int,
+    seed: int,
+    models: Mapping[str, str | os.PathLike],
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Results, list[CoupledMassErrors]]:
+    """Measure predictions on `count` test scenes for each number of objects; see `measure_blocks`.
+
+    models: the checkpoints `contact`, which predicts, and `belief`, which watches. Joints are known.
+    """
+    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, SETUP)
+    protocol = {"setup": SETUP, "count": count, "seed": seed}
+    results = Results("coupled-masses", protocol, ("objects", "observed_frames"))
+    for number in objects:
+        some = [scene for scene in scenes if scene.objects == number]
+        for k, observed in enumerate(TIMES):
+            for model in MODELS:
+                errors = np.array([100 * scene.errors[model][k] for scene in some])
+                goes_on = np.flatnonzero(~np.isnan(errors))
+                labels: dict[str, Any] = {"objects": number, "observed_frames": observed}
+                results.add(model, "error_cm", "cm", errors[goes_on], goes_on, **labels)
+    return results, scenes
+
+
+def predict_block(block: Block) -> list[CoupledMassErrors]:
+    """Simulate the scenes of a block, watch them, and predict them from every start with every model's masses."""
+    checkpoints = dict(block.models)
+    dynamics = PhysicsPredictor.load(checkpoints["contact"]).dynamics
+    belief = BeliefModel.load(checkpoints["belief"])
+    tracks = [trajectory.track for trajectory in block.draw()]
+    scenes, times = batch_scenes([track.scene for track in tracks]), starts_of(tracks)
+    seen = record(tracks, int(times.max()) + FRAMES)
+    told, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
+    mean = torch.full_like(scenes.mass, prior_mean(tracks[0].scene.classes_of_mass))
+    assumed = [[scenes, weighed(scenes, told.median[:, k]), weighed(scenes, mean)] for k in range(times.shape[1])]
+    errors = rollout_errors(dynamics, seen, times.T, assumed).numpy()
+    return [
+        CoupledMassErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))
+    ]
+
+
+def starts_of(tracks: Sequence[Track]) -> Int[Tensor, "batch times"]:
+    """Frames of every track that TIMES stand for."""
+    first_push = [int(np.flatnonzero(track.push == 0)[-1]) for track in tracks]
+    return torch.tensor([[*STARTS, last] for last in first_push])
+
+
+def weighed(scenes: SceneBatch, mass: Float[Tensor, "batch bodies"]) -> SceneBatch:
+    """The scenes with these masses (kg), taken as known."""
+    return scenes._replace(mass=mass.to(scenes.mass), mass_known=torch.ones_like(scenes.mass_known))
+
+
+def mean_and_standard_error(
+    scenes: Sequence[CoupledMassErrors], objects: int, model: str
+) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, " times"]]:
+    """Mean over the scenes that go on of a model's errors (cm), and its standard error."""
+    errors = 100 * np.stack([scene.errors[model] for scene in scenes if scene.objects == objects])
+    count = (~np.isnan(errors)).sum(0)
+    told = np.where(np.isnan(errors), 0.0, errors)
+    mean = told.sum(0) / np.where(count > 0, count, np.nan)
+    squares = np.where(np.isnan(errors), 0.0, np.square(errors - mean)).sum(0)
+    return mean, np.sqrt(squares / np.where(count > 1, count * (count - 1.0), np.nan))
