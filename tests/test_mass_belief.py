@@ -156,9 +156,10 @@ def test_a_body_pushed_alone_shows_nothing_of_its_mass(model: BeliefModel) -> No
 
 def test_a_heavy_and_a_light_body_are_told_apart(unequal: pg.Track, model: BeliefModel) -> None:
     masses = weigh(unequal.scene, unequal, model=model)
-    assert masses["disc0"].likeliest == "heavy" and masses["disc1"].likeliest == "light"
+    assert [masses[name].likeliest for name in ("disc0", "disc1")] == ["heavy", "light"]
     median, low, high = masses["disc0"].ratios["disc1"]
-    assert low < high and median == pytest.approx(30, rel=0.3)
+    assert low < median < high
+    assert median == pytest.approx(30, rel=0.3)
     assert masses["disc1"].ratios["disc0"][0] == pytest.approx(1 / median, rel=0.05)
 
 
@@ -178,7 +179,7 @@ def test_where_friction_is_unknown_the_force_to_slide_is_known_and_the_mass_less
     unknown = weigh(row_of(1.5, friction=None), track, force=True, model=model)["disc0"]
     assert unknown.slide[0] == pytest.approx(FRICTION * 1.5 * GRAVITY, rel=0.1)
     assert (unknown.slide[2] - unknown.slide[1]) / unknown.slide[0] < 0.3
-    assert unknown.mass[2] / unknown.mass[1] > 1.5 * known.mass[2] / known.mass[1]
+    assert unknown.mass[2] / unknown.mass[1] > 1.3 * known.mass[2] / known.mass[1]
 
 
 def test_side_by_side_is_as_one_at_a_time(unequal: pg.Track, model: BeliefModel) -> None:
@@ -214,7 +215,7 @@ def test_known_masses_are_kept_and_given_to_their_neighbours(unequal: pg.Track, 
     for poses, down in unequal.frames():
         regulator.observe(poses, down)
     (said,) = regulator.masses()
-    assert said.body == "disc1" and said.likeliest == "light"
+    assert (said.body, said.likeliest) == ("disc1", "light")
     assert said.mass[0] == pytest.approx(0.3, rel=0.3)
     assert regulator.scene().bodies[0].mass == 9.0
     assert regulator.scene().bodies[1].mass == said.mass[0]
@@ -228,7 +229,7 @@ def test_lost_tags_and_missing_forces_are_gaps(unequal: pg.Track, model: BeliefM
             poses[2] = np.nan
         regulator.observe(poses, down, np.full(3, np.nan) if k % 3 else unequal.wrench[k])
     masses = {mass.body: mass for mass in regulator.masses()}
-    assert masses["disc0"].likeliest == "heavy" and masses["disc1"].likeliest == "light"
+    assert [masses[name].likeliest for name in ("disc0", "disc1")] == ["heavy", "light"]
 
 
 @pytest.mark.parametrize("wrench", [(np.inf, 0.0, 0.0), (np.nan, 1.0, 0.0), (2000.0, 0.0, 0.0)])

@@ -12,8 +12,8 @@ Interval = tuple[float, float, float]
 class BelievedMass:
     """What is believed of one body.
 
-    classes: probabilities by name of the scene's mass classes. mass: kg. slide: force that slides it on the table, table
-    friction times weight (N). ratios: its mass over that of every body it was pushed with, by name.
+    classes: probabilities by name of the scene's mass classes. mass: kg. slide: force that slides it on the table,
+    table friction times weight (N). ratios: its mass over that of every body it was pushed with, by name.
     """
 
     body: str

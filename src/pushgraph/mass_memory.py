@@ -21,7 +21,7 @@ from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, map_
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.watching import Frame, View
 from pushgraph.mass_chains import MassChains
-from pushgraph.network.mass_noise import Evidence, MassNoise
+from pushgraph.network.mass_noise import Evidence, MassNoise, usual_noise
 from pushgraph.pose import wrap_angle
 
 KEPT = 16
@@ -32,8 +32,11 @@ PRIOR_SPREAD = 1.4
 """Standard deviation of a logarithm of mass before anything is seen."""
 VARIED = (0.2, 1.2)
 """Masses are varied by as much as they are uncertain, in logarithms, but at least and at most this."""
-MEASURED = 1e-12
-"""Poses are not measured more exactly than with this variance (m^2)."""
+MEASURED = 2e-4**2
+"""Poses are not taken for more exact than with this variance (m^2): contacts give way, back and forth."""
+TRACKED = 0.05
+"""Share of the usual variance of predicted motions with which bodies are tracked: errors of prediction cancel in time,
+those of a camera do so at once."""
 
 
 class Tracked(NamedTuple):
@@ -92,7 +95,7 @@ class Looked(NamedTuple):
 
     def evidence(self, network: MassNoise, off: "Surprises") -> Evidence:
         """What the frames tell about masses."""
-        moved = network.evidence(self.linearized, off.surprise, off.expected + off.observed, self.log_mass)
+        moved = network.evidence(self.linearized, off.surprise, off.variance, self.log_mass)
         if self.linearized.felt is None:
             return moved
         felt = network.wrench_evidence(self.linearized.felt, self.seen.wrench, self.log_mass)
@@ -124,9 +127,11 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     sensitivity, still = poses.new_zeros(batch, bodies, 3, variables), torch.zeros_like(poses)
     tracked = Tracked(poses, still, sensitivity, torch.zeros_like(poses))
     nothing = poses.new_zeros(batch)
-    control = Control(still[:, 0], still[:, 0], still[:, 0], nothing > 0, nothing + 1, nothing + 1, nothing + torch.inf)
+    nowhere = still[:, 0]
+    control = of_frame(Control(nowhere, nowhere, nowhere, nothing > 0))
     empty = Evidence(poses.new_zeros(batch, variables, variables), poses.new_zeros(batch, variables))
-    one = Kept(tracked, poses[..., 0] > torch.inf, control, Seen(poses, torch.full_like(still[:, 0], torch.nan)), nothing.long(), empty, nothing)
+    seen = Seen(poses, torch.full_like(nowhere, torch.nan))
+    one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
     scenes = map_tensors(lambda values: values.double() if values.is_floating_point() else values, scenes)
     return MassMemory(scenes, chains.mean(), tracked, kept, empty, empty, chains, 0)
@@ -216,11 +221,14 @@ def seen_in(view: View, wrench: Float[Tensor, "batch 3"]) -> Seen:
 
 
 class Surprises(NamedTuple):
-    """How far bodies were from where they were expected (turns at LEVER, m; NaN where not seen); variances of what was
-    expected, and of what was seen (m^2)."""
+    """How far bodies were from where they were expected (turns at LEVER, m; NaN where not seen).
+
+    variance: of that (m^2). tracked: variance of what was expected, as tracking has it. observed: of what was seen.
+    """
 
     surprise: Float[Tensor, "batch bodies 3"]
-    expected: Float[Tensor, "batch bodies 3"]
+    variance: Float[Tensor, "batch bodies 3"]
+    tracked: Float[Tensor, "batch bodies 3"]
     observed: Float[Tensor, "batch bodies 3"]
 
 
@@ -235,20 +243,18 @@ def surprises(
     """Of a step. step: how far the tool moves (m). camera: see `camera_of`."""
     off = seen - tracked.poses - linearized.motion
     surprise = torch.cat((off[..., :2], wrap_angle(off[..., 2:]) * LEVER), -1)
-    noise = network.noise(step, linearized, tracked.variance[..., 0], camera)
-    expected = tracked.variance + torch.cat((noise[..., :1].expand(*noise.shape[:-1], 2), noise[..., 1:]), -1)
-    of_camera = camera.square()[:, None, [0, 0, 1]] + MEASURED
-    return Surprises(surprise, expected, of_camera.expand_as(surprise))
+    noise = network.noise(step, linearized, tracked.variance[..., 0], camera)[..., [0, 0, 1]]
+    observed = (camera.square()[:, None, [0, 0, 1]] + MEASURED).expand_as(surprise)
+    expected = tracked.variance + TRACKED * usual_noise(step, linearized)[..., None]
+    return Surprises(surprise, tracked.variance + noise + observed, expected, observed)
 
 
 def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
     """Where bodies are, from where they were expected and where they were seen."""
-    expected = off.expected.detach()
-    gain = torch.where(off.surprise.isfinite(), expected / (expected + off.observed), 0.0)
-    off = torch.nan_to_num(off.surprise) * gain / expected.new_tensor([1.0, 1.0, LEVER])
-    motions = linearized.motion + off
+    gain = torch.where(off.surprise.isfinite(), off.tracked / (off.tracked + off.observed), 0.0)
+    motions = linearized.motion + torch.nan_to_num(off.surprise) * gain / gain.new_tensor([1.0, 1.0, LEVER])
     left = (1 - gain)[..., None] * linearized.sensitivity
-    return Tracked(tracked.poses + motions, motions, left, (1 - gain) * expected)
+    return Tracked(tracked.poses + motions, motions, left, (1 - gain) * off.tracked)
 
 
 def rested(tracked: Tracked, view: View, frame: Frame, at_rest: Bool[Tensor, "batch bodies"]) -> Tracked:

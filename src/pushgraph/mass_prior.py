@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -48,7 +49,7 @@ def check_classes(classes: Sequence[MassClass]) -> None:
         if names.count(name) > 1:
             raise ValueError(f"mass_classes: the name {name!r} is used {names.count(name)} times; names must differ")
     ordered = sorted(classes, key=lambda one: one.lowest)
-    for lighter, heavier in zip(ordered, ordered[1:], strict=False):
+    for lighter, heavier in pairwise(ordered):
         if lighter.highest > heavier.lowest:
             raise ValueError(
                 f"mass_classes: {lighter.name!r} ends at {lighter.highest:g} kg, beyond where {heavier.name!r} begins, "

@@ -14,10 +14,11 @@ from pushgraph.evaluation.mass_answers import MassAnswer, MassScores, believed, 
 from pushgraph.evaluation.mass_observers import mean_guess, ratio_observer
 from pushgraph.evaluation.recording import ask, record
 from pushgraph.evaluation.results import Results
-from pushgraph.evaluation.sensing import FRICTION, on_table, with_sensor, without_friction
+from pushgraph.evaluation.sensing import on_table, with_sensor, without_friction
 from pushgraph.evaluation.touching import Touched, find_touched, groups_of
 from pushgraph.graph.joint_truth import unweighed
 from pushgraph.graph.scene_batch import batch_scenes
+from pushgraph.mass_chains import FRICTION
 from pushgraph.mass_prior import MASS_CLASSES, MassClass
 from pushgraph.simulation.planar_model import GRAVITY
 from pushgraph.track import Track

@@ -13,9 +13,6 @@ from pushgraph.simulation.force_sensor import measured_wrench
 from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.track import Track
 
-FRICTION = (0.2, 0.6)
-"""Of the table, lowest and highest, where it is unknown."""
-
 
 def with_sensor(seen: Recording, tracks: Sequence[Track], rngs: Sequence[np.random.Generator]) -> Recording:
     """What a force sensor in the tool says beside, with its noise; once a track has ended, nothing."""

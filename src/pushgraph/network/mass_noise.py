@@ -95,8 +95,7 @@ class MassNoise(nn.Module):
         logs = (lengths / UNIT + 1e-2).log() / 2
         features = torch.cat((logs[..., :6], count / 4 - 1, logs[..., 6:]), -1)
         change = self.layers(features.float()).clamp(-WIDEST, WIDEST).to(motion.dtype)
-        base = FLOOR**2 + (OF_STEP * step[..., None]).square() + (OF_MOTION * motion).square() + linearized.curvature
-        return base[..., None] * change.exp()
+        return usual_noise(step, linearized)[..., None] * change.exp()
 
     def evidence(
         self,
@@ -138,6 +137,12 @@ class MassNoise(nn.Module):
         weight = (freedom + 3) / (freedom + (off.square() / variance).sum(-1, keepdim=True))
         weight = weight * self.log_worth_of_wrench.exp()
         return _evidence(felt.sensitivity, torch.where(said, weight / variance, 0.0), off, log_mass)
+
+
+def usual_noise(step: Float[Tensor, "*batch"], linearized: Linearized) -> Float[Tensor, "*batch bodies"]:
+    """Variance of a predicted motion from which the network starts (m^2)."""
+    motion = linearized.motion[..., :2].norm(dim=-1)
+    return FLOOR**2 + (OF_STEP * step[..., None]).square() + (OF_MOTION * motion).square() + linearized.curvature
 
 
 def _evidence(

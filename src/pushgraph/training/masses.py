@@ -34,7 +34,7 @@ FREEDOM = 4.0
 
 
 class Weighed(NamedTuple):
-    """Tracks to learn from, all of whose masses are unknown. true: logarithms of masses, and of the table's friction."""
+    """Tracks to learn from, no mass known. true: logarithms of masses, and last of the table's friction."""
 
     scenes: SceneBatch
     poses: Float[Tensor, "batch frames bodies 3"]

@@ -27,9 +27,9 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     """Move all chains once, and say in the histogram what share of them weighs what.
 
     chains [chains variables]. information, pull: of the Gaussian, [variables variables] and [variables]. lowest,
-    highest: bounds of the classes of each variable, logarithms, [variables classes], in rising order; density: logarithm
-    of each class's share over its width. free: variables that are not known. uniforms [chains numbers], at least four
-    for each variable. histogram [masses bins]: equal parts of the classes, one class after the other.
+    highest: bounds of the classes of each variable, logarithms, [variables classes], in rising order; density:
+    logarithm of each class's share over its width. free: variables that are not known. uniforms [chains numbers], at
+    least four for each variable. histogram [masses bins]: equal parts of the classes, one class after the other.
     """
     count, variables = chains.shape
     masses = histogram.shape[0]
@@ -44,12 +44,12 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     one, signs = np.ones(1), np.ones(variables)
     room = _room(lowest.shape[1])
     for chain in range(count):
-        x, used = chains[chain], 0
+        x, numbers, used = chains[chain], uniforms[chain], 0
         for i in range(variables):
             if free[i]:
                 alone[0] = i
                 answers = histogram if i < masses and sizes[root[i]] == 1 else unused
-                _move(x, alone, one, information, pull, lowest, highest, density, uniforms[chain], used, answers, room)
+                _move(x, alone, one, information, pull, lowest, highest, density, numbers, used, answers, room)
                 used += 2
         for first in range(masses):
             if sizes[first] < 2:
@@ -60,7 +60,7 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
                     everyone[size] = i
                     size += 1
             members = everyone[:size]
-            _move(x, members, signs, information, pull, lowest, highest, density, uniforms[chain], used, histogram, room)
+            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, histogram, room)
             used += 2
         friction = variables - 1
         if masses < variables and free[friction] and information[friction, friction] > 0.0:
@@ -72,7 +72,7 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
             everyone[size] = friction
             signs[size] = -1.0
             members = everyone[: size + 1]
-            _move(x, members, signs, information, pull, lowest, highest, density, uniforms[chain], used, unused, room)
+            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, unused, room)
             signs[size] = 1.0
     histogram /= count
 
