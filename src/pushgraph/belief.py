@@ -138,14 +138,12 @@ class BeliefModel:
     def _weigh(self, watch: Watch, frame: Frame, motion: Tensor, wrench: Tensor | None) -> Watch:
         """Learn about masses from a frame, bodies being joined as is likeliest."""
         view, probabilities = watch.view, self.probabilities(watch)
-        state, kind = view.state, probabilities.argmax(-1)
-        if (kind != state.relations.kind).any():
-            state = believe(state, kind, view.fits)
+        relations, kind = view.state.relations, probabilities.argmax(-1)
+        if (kind != relations.kind).any():
+            relations = believe(view.state, kind, view.fits).relations
         wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
         network = self.network.mass_noise
-        masses = observe_masses(
-            watch.masses, network, self.dynamics, frame, view, motion, state.double().relations, wrench
-        )
+        masses = observe_masses(watch.masses, network, self.dynamics, frame, view, motion, relations, wrench)
         return watch._replace(masses=masses, probabilities=probabilities)
 
     @torch.inference_mode()

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.mass_evidence import Linearized, Rows, linearize, moving
-from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, map_tensors
+from pushgraph.graph.scene_batch import Batch, Relations, SceneBatch, concatenate, map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.watching import Frame, View
 from pushgraph.mass_chains import MassChains
@@ -32,9 +32,9 @@ PRIOR_SPREAD = 1.4
 """Standard deviation of a logarithm of mass before anything is seen."""
 VARIED = (0.2, 1.2)
 """Masses are varied by as much as they are uncertain, in logarithms, but at least and at most this."""
-MEASURED = 2e-4**2
+MEASURED = 1e-4**2
 """Poses are not taken for more exact than with this variance (m^2): contacts give way, back and forth."""
-TRACKED = 0.05
+TRACKED = 0.2
 """Share of the usual variance of predicted motions with which bodies are tracked: errors of prediction cancel in time,
 those of a camera do so at once."""
 
@@ -98,7 +98,7 @@ class Looked(NamedTuple):
         moved = network.evidence(self.linearized, off.surprise, off.variance, self.log_mass)
         if self.linearized.felt is None:
             return moved
-        felt = network.wrench_evidence(self.linearized.felt, self.seen.wrench, self.log_mass)
+        felt = network.wrench_evidence(self.linearized.felt, self.seen.wrench, self.log_mass, self.camera)
         return map_tensors(lambda one, other: one + other, moved, felt)
 
 
@@ -133,8 +133,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     seen = Seen(poses, torch.full_like(nowhere, torch.nan))
     one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
-    scenes = map_tensors(lambda values: values.double() if values.is_floating_point() else values, scenes)
-    return MassMemory(scenes, chains.mean(), tracked, kept, empty, empty, chains, 0)
+    return MassMemory(_double(scenes), chains.mean(), tracked, kept, empty, empty, chains, 0)
 
 
 def observe(
@@ -170,7 +169,7 @@ def observe(
     log_mass = memory.log_mass[scene]
     linearized = linearize(
         dynamics,
-        State(memory.scenes, tracked.poses, tracked.motions, relations, frame.before.still),
+        State(memory.scenes, tracked.poses, tracked.motions, _double(relations), frame.before.still),
         controls,
         Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves),
         log_mass,
@@ -285,6 +284,11 @@ def worth_of(evidence: Evidence) -> Float[Tensor, " batch"]:
 def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     """Standard deviations of positions, and of yaws at LEVER (m)."""
     return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
+
+
+def _double(batch: Batch) -> Batch:
+    """The same in float64."""
+    return map_tensors(lambda values: values.double() if values.is_floating_point() else values, batch)
 
 
 def _split(batch: int) -> tuple[slice, slice]:

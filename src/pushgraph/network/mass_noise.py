@@ -63,10 +63,11 @@ class MassNoise(nn.Module):
         """Logarithm of the degrees of freedom of Student's distribution that surprises have."""
         self.log_worth = nn.Parameter(torch.tensor([0.0]))
         """Logarithm of what evidence is worth: errors of successive frames are alike."""
-        self.log_of_wrench = nn.Parameter(torch.tensor([OF_WRENCH]).log())
-        """Logarithm of the noise of a predicted wrench, as a share of the force."""
-        self.log_of_doubt = nn.Parameter(torch.tensor([OF_DOUBT]).log())
-        """The same, as a share of the force that is doubtful."""
+        self.log_of_wrench = nn.Parameter(torch.tensor([OF_WRENCH, OF_WRENCH]).log())
+        """Logarithms of the noise of a predicted wrench, as a share of the force, and how that grows with the camera's
+        noise, for each UNIT of that."""
+        self.log_of_doubt = nn.Parameter(torch.tensor([OF_DOUBT, OF_WRENCH]).log())
+        """The same, as shares of the force that is doubtful."""
         self.log_worth_of_wrench = nn.Parameter(torch.tensor([0.0]))
 
     def noise(
@@ -123,12 +124,14 @@ class MassNoise(nn.Module):
         felt: Felt,
         wrench: Float[Tensor, "*batch 3"],
         log_mass: Float[Tensor, "*batch variables"],
+        camera: Float[Tensor, "*batch 2"],
     ) -> Evidence:
-        """From what a force sensor said (N, N m; NaN where it said nothing)."""
+        """From what a force sensor said (N, N m; NaN where it said nothing). camera: see `noise`."""
         said = wrench.isfinite()
         off = torch.where(said, wrench - felt.wrench, 0.0)
-        force = self.log_of_wrench.exp() * felt.wrench[..., :2].norm(dim=-1)
-        doubtful = self.log_of_doubt.exp() * felt.doubt
+        blurred = torch.stack((torch.ones_like(camera[..., 0]), camera[..., 0] / UNIT), -1)
+        of_wrench, of_doubt = ((blurred * log.exp()).sum(-1) for log in (self.log_of_wrench, self.log_of_doubt))
+        force, doubtful = of_wrench * felt.wrench[..., :2].norm(dim=-1), of_doubt * felt.doubt
         model = force.square() + doubtful.square()
         levers = wrench.new_tensor([1.0, 1.0, WRENCH_LEVER])
         sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])

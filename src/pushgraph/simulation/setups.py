@@ -73,6 +73,11 @@ def planar_mixed(rng: np.random.Generator, objects: int, index: int) -> Plan:
     return planar(rng, int(rng.integers(min(FEWEST, objects), objects + 1)), index)
 
 
+def different_masses_mixed(rng: np.random.Generator, objects: int, index: int) -> Plan:
+    """`different-masses` with two objects, up to as many as given."""
+    return different_masses(rng, int(rng.integers(min(2, objects), objects + 1)), index)
+
+
 def varied(rng: np.random.Generator, objects: int, index: int) -> Plan:
     """Everything that a scene may say, kind by kind: see `pushgraph.simulation.kinds`."""
     kind = list(KINDS)[index // 4 % len(KINDS)]
@@ -94,6 +99,7 @@ SETUPS: dict[str, Setup] = {
     "planar": planar,
     "planar-mixed": planar_mixed,
     "different-masses": different_masses,
+    "different-masses-mixed": different_masses_mixed,
     "controlled-masses": controlled_masses,
 }
 OBJECTS = {"controlled-masses": CONTROLLED_OBJECTS}

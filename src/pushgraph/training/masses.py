@@ -96,10 +96,8 @@ def last_looks(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Look
         columns = (values[:, k] for values in (tracks.poses, tracks.tool, tracks.down))
         view, frame = look(view, *columns, seen, bodies_in_reach)
         motion = dynamics(frame.before, frame.control).motion
-        relations = view.state.double().relations
-        memory = observe(
-            memory, network, dynamics, frame, view, motion, relations, tracks.wrench[:, k], looks.append
-        )
+        columns = (frame, view, motion, view.state.relations, tracks.wrench[:, k])
+        memory = observe(memory, network, dynamics, *columns, looks.append)
     looked = concatenate(looks)
     place = looked.scene * (memory.frames + 1) + looked.number
     # Of equal places the last one written stays.
