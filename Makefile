@@ -9,6 +9,7 @@ WEIGHTS := src/pushgraph/weights
 PLANAR := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processes 1
 PARTS := --data $(DATA)/parts.h5 --validation $(DATA)/validation.h5 --processes 1
 JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 --processes 1
+MASSES := --masses $(DATA)/masses.h5 --masses-validation $(DATA)/masses-validation.h5
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
@@ -54,6 +55,9 @@ data: install
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 2400 --seed 0 --out $(DATA)/jointed.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 104 --seed 900000 --out $(DATA)/jointed-validation.h5
+	$(BIN)/pushgraph generate different-masses-mixed --objects 9 --count 1600 --seed 0 --out $(DATA)/masses.h5
+	$(BIN)/pushgraph generate different-masses-mixed --objects 9 --count 64 --seed 900000 \
+	  --out $(DATA)/masses-validation.h5
 
 weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
@@ -67,7 +71,9 @@ weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 1.5e-3 --seed 1 \
 	  --start-from $(CACHE)/belief-1.safetensors --out $(CACHE)/belief-2.safetensors
 	$(BELIEF) $(JOINTED) --frames 100 --samples 2000000 --learning-rate 2e-3 --seed 2 \
-	  --start-from $(CACHE)/belief-2.safetensors --out $(WEIGHTS)/belief.safetensors
+	  --start-from $(CACHE)/belief-2.safetensors --out $(CACHE)/belief-3.safetensors
+	$(BELIEF) $(JOINTED) $(MASSES) --keep-joints --batch 16 --samples 1000000 --learning-rate 6e-3 \
+	  --start-from $(CACHE)/belief-3.safetensors --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

@@ -17,12 +17,13 @@ def generate(
         typer.Argument(
             help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; "
             "planar-mixed: that, of many sizes; different-masses: cylinders of three classes of mass; "
+            "different-masses-mixed: that, of two objects up to --objects; "
             "controlled-masses: 2 or 3 cylinders of which only the masses change."
         ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
-    objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of planar-mixed, the most.")] = 9,
+    objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of mixed setups, the most.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
     engine: Annotated[str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).")] = (
