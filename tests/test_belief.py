@@ -475,7 +475,7 @@ def test_beliefs_move_with_their_scene(ours, monkeypatch) -> None:
     [
         (lambda text: text[:50], "may be truncated"),
         (lambda text: "[]", "not beliefs"),
-        (lambda text: text.replace('"version": 2', '"version": 1', 1), "version 1 of beliefs"),
+        (lambda text: text.replace('"version": 3', '"version": 2', 1), "version 2 of beliefs"),
         (lambda text: json.dumps(json.loads(text) | {"probabilities": [[[0.5]]]}), "shape"),
         (lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "pairs"}), "damaged"),
     ],
