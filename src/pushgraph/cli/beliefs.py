@@ -56,19 +56,18 @@ def masses_table(title: str, masses: Sequence, scene, sensor: bool) -> Table:
 
     classes = scene.classes_of_mass
     table = Table(title=title)
-    for name in ("body", *(one.name for one in classes), "kg", "slides at (N)", "ratio to what it\nwas pushed with"):
-        table.add_column(name, justify="left" if name == "body" else "right")
+    for name in ("body", *(one.name for one in classes), "kg", "slides at (N)", "ratio"):
+        table.add_column(name, justify="left" if name == "body" else "right", overflow="fold")
     doubtful = []
     for mass in masses:
-        shares = (f"{mass.classes[one.name]:.3f}" for one in classes)
-        # One ratio of every body that was pushed with others tells all of them.
+        shares = (f"{mass.classes[one.name]:.2f}" for one in classes)
         first = next((name for name in scene.names if name in mass.ratios), None)
         ratio = "alone" if first is None else _interval(mass.ratios[first], f" x {first}")
         table.add_row(mass.body, *shares, _interval(mass.mass), _interval(mass.slide), ratio)
         _, low, high = mass.mass
         if high > APART * low and class_of(classes, low) != class_of(classes, high):
             doubtful.append(mass.body)
-    table.caption = f"In brackets: 68 %. {_footing(scene, sensor)}."
+    table.caption = f"In brackets: 68 %. Ratio: to the first body it was pushed with. {_footing(scene, sensor)}."
     if doubtful:
         table.caption += f" Kilograms cannot be told yet of {', '.join(doubtful)}: the intervals span classes."
     return table
@@ -89,4 +88,8 @@ def _footing(scene, sensor: bool) -> str:
 
 def _interval(values: tuple[float, float, float], unit: str = "") -> str:
     median, low, high = values
-    return f"{median:.3g}{unit}\n({low:.3g}-{high:.3g})"
+    return f"{_number(median)}{unit}\n({_number(low)}-{_number(high)})"
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if value >= 0.1 else f"{value:.2g}"

@@ -116,12 +116,13 @@ def predict(
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
     probabilities = None
-    history = None if beliefs is None else BeliefHistory.load(beliefs)
-    if relations == "believed":
-        given = history.apply_to(given)
-        probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
-    if masses == "believed":
-        given = history.apply_masses(given)
+    if beliefs is not None:
+        history = BeliefHistory.load(beliefs)
+        if relations == "believed":
+            given = history.apply_to(given)
+            probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
+        if masses == "believed":
+            given = history.apply_masses(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)

@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Patch
 
@@ -48,11 +49,11 @@ def telling_bodies(masses: MassHistory) -> list[int]:
     return sorted(np.argsort(-learnt, kind="stable")[:MOST_STRIPES].tolist())
 
 
-def mass_colours(classes: Sequence[MassClass]) -> dict[str, tuple[float, ...]]:
+def mass_colours(classes: Sequence[MassClass]) -> dict[str, str]:
     """A colour for each class by name, in the classes' order: the heavier, the darker."""
     rising = sorted(range(len(classes)), key=lambda k: classes[k].lowest)
     shades = matplotlib.colormaps["YlGn"](np.linspace(0.25, 0.95, len(classes)))
-    return {one.name: tuple(shades[rising.index(k)].tolist()) for k, one in enumerate(classes)}
+    return {one.name: to_hex(shades[rising.index(k)]) for k, one in enumerate(classes)}
 
 
 def save_beliefs(history: BeliefHistory, path: str | os.PathLike) -> None:
@@ -81,8 +82,7 @@ def save_believed_predictions(
     """
     shown = telling_pairs(np.stack([moment.joints for moment in moments.values()]))
     *_, last = moments.values()
-    classes = simulated.scene.classes_of_mass
-    colours = mass_colours(classes)
+    colours = mass_colours(simulated.scene.classes_of_mass)
     heights = (3, 1, 1) if last.masses else (3, 1)
     figure = Figure(figsize=(5.2 * (1 + len(moments)), 5.2 * sum(heights) / 3 + 1.2), layout="constrained")
     rows = figure.subplots(len(heights), 1 + len(moments), height_ratios=heights, squeeze=False)
@@ -112,7 +112,7 @@ def _stripes(
     times: Float[np.ndarray, " frames"],
     probabilities: Float[np.ndarray, "frames stripes kinds"],
     names: Sequence[str],
-    colours: Mapping[str, object],
+    colours: Mapping[str, str],
     rows: int,
 ) -> None:
     """Stacked probabilities over time, one below the other, on a figure with room for so many rows."""
@@ -121,15 +121,17 @@ def _stripes(
         axes.stackplot(times, stripe.T, colors=list(colours.values()))
         axes.set(ylim=(0, 1), yticks=[], xlim=(times[0], max(times[-1], times[0] + 1e-3)))
         axes.set_ylabel(name, rotation=0, ha="right", va="center", fontsize=9)
-        axes.tick_params(labelbottom=axes is grid[len(names) - 1])
     for axes in grid[len(names) :]:
         axes.axis("off")
-    figure.supxlabel("time (s)", fontsize=9)
+    if len(names):
+        lowest = grid[len(names) - 1]
+        lowest.tick_params(labelbottom=True)
+        lowest.set_xlabel("time (s)", fontsize=9)
     figure.legend(handles=_handles(colours), loc="outside upper center", ncols=len(colours), frameon=False)
 
 
 def _bars(
-    axes: Axes, names: Sequence[str], probabilities: Float[np.ndarray, "rows kinds"], colours: Mapping[str, object]
+    axes: Axes, names: Sequence[str], probabilities: Float[np.ndarray, "rows kinds"], colours: Mapping[str, str]
 ) -> None:
     left = np.zeros(len(names))
     for column, colour in zip(probabilities.T, colours.values(), strict=True):
@@ -139,12 +141,12 @@ def _bars(
     axes.invert_yaxis()
 
 
-def _true_masses(axes: Axes, simulated: Track, names: Sequence[str], colours: Mapping[str, object]) -> None:
+def _true_masses(axes: Axes, simulated: Track, names: Sequence[str], colours: Mapping[str, str]) -> None:
     """Bars of the true masses of some bodies, in the colours of their classes."""
     classes = simulated.scene.classes_of_mass
-    masses = [body.mass for body in simulated.scene.bodies if body.name in names]
-    shades = list(colours.values())
-    axes.barh(names, masses, color=[shades[class_of(classes, mass)] for mass in masses])
+    masses = {body.name: body.mass for body in simulated.scene.bodies if body.name in names and body.mass is not None}
+    shades = [colours[classes[class_of(classes, mass)].name] for mass in masses.values()]
+    axes.barh(list(masses), list(masses.values()), color=shades)
     axes.set_xlabel("true mass (kg)")
     axes.invert_yaxis()
     axes.legend(
@@ -160,5 +162,5 @@ def _kilograms(mass: BelievedMass) -> str:
     return f"{median:.2g} kg ({low:.2g} to {high:.2g})"
 
 
-def _handles(colours: Mapping[str, object]) -> list[Patch]:
+def _handles(colours: Mapping[str, str]) -> list[Patch]:
     return [Patch(color=colour, label=name) for name, colour in colours.items()]
