@@ -180,7 +180,7 @@ def test_observe_prints_and_writes_what_weighs_how_much(files, tmp_path, capsys,
     arguments = ("observe", files / "scene.json", files / "track.h5", "--masses", "unknown", "--out", tmp_path)
     assert run(*arguments) == 0
     printed = words(capsys.readouterr().out)
-    assert f"Masses after {FRAMES_PER_WEIGHING}" in printed or "Masses after" in printed
+    assert "Masses after" in printed
     assert "kilograms follow from the table's friction, 0.45" in printed
     read = BeliefHistory.load(tmp_path / "beliefs.json")
     assert [mass.body for mass in read.masses] == ["near", "far"]
