@@ -475,7 +475,7 @@ def test_beliefs_move_with_their_scene(ours, monkeypatch) -> None:
     [
         (lambda text: text[:50], "may be truncated"),
         (lambda text: "[]", "not beliefs"),
-        (lambda text: text.replace('"version": 2', '"version": 1', 1), "version 1 of beliefs"),
+        (lambda text: text.replace('"version": 3', '"version": 2', 1), "version 2 of beliefs"),
         (lambda text: json.dumps(json.loads(text) | {"probabilities": [[[0.5]]]}), "shape"),
         (lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "pairs"}), "damaged"),
     ],
@@ -543,7 +543,7 @@ def test_what_is_doubtful_about_a_track_is_said(checkpoint, tmp_path) -> None:
         ("0.5,b,nan,0.1,0.0,", "b was not seen from 0.50 to 0.50 s"),
         ("0.4,b,0.1,0.1,0.0,", "1 row of a node and time that stood before"),
     ):
-        seen.write_text("\n".join([*lines[:at], bad, *lines[at + 1 :]]))
+        seen.write_text("\n".join([*lines[:at], f"{bad},,,", *lines[at + 1 :]]))
         command = ["observe", str(scene), str(seen), "--out", str(tmp_path / "out"), "--model", checkpoint]
         result = CliRunner().invoke(cli.app, command)
         assert result.exit_code == 0, result.output

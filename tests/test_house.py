@@ -44,6 +44,7 @@ ORDER = [
     "belief",
     "believed_joint",
     "believed_mass",
+    "mass_history",
     "regulator",
     "belief_history",
     "training",

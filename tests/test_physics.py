@@ -139,7 +139,7 @@ def test_what_is_not_given_is_not_used(tmp_path) -> None:
     ("arguments", "says"),
     [
         (("predict", "demo", "--relations", "guessed"), "valid: given, none"),
-        (("predict", "demo", "--masses", "heavy"), "valid: given, mean"),
+        (("predict", "demo", "--masses", "heavy"), "valid: given, mean, believed"),
         (("predict", "demo", "--model", "best.safetensors"), "no such file"),
         (("predict", "nothing.json"), "shipped scenes: demo"),
         (("evaluate", "physics", "--seed", "5", "--count", "1", "--objects", "6"), "seeds below 1,000,000"),

@@ -1,4 +1,4 @@
-"""Beliefs over time, as `pushgraph observe` writes them and `pushgraph predict --relations believed` reads them."""
+"""Beliefs over time, as `pushgraph observe` writes them and `pushgraph predict --beliefs` reads them."""
 
 import json
 import math
@@ -13,26 +13,29 @@ from jaxtyping import Float
 from pushgraph import pose
 from pushgraph.belief import BeliefModel
 from pushgraph.believed_joint import BelievedJoint
+from pushgraph.believed_mass import BelievedMass
 from pushgraph.body import Joint
 from pushgraph.errors import BeliefError, PushGraphError
 from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.mass_history import DIGITS, MassHistory, with_masses
 from pushgraph.regulator import BeliefRegulator, room_left
 from pushgraph.scene import Scene
 from pushgraph.storage import replacing
 from pushgraph.track import Track
 
 FORMAT = "pushgraph.beliefs"
-VERSION = 2
-DIGITS = 5
+VERSION = 3
+FRAMES_PER_WEIGHING = 10
+"""What is believed of masses is asked for so seldom: the answer takes longer than a frame's evidence."""
 
 
 @dataclass(frozen=True, eq=False)
 class BeliefHistory:
-    """What was believed of every pair after every observed frame.
+    """What was believed of every pair after every observed frame, and of masses at some of them.
 
     times: seconds. probabilities: columns in the order of JOINT_CODES. lost: for every node that was lost, when (first
     and last time, s). joints: those believed in the end, and where they sit. scene: as it was believed to be in the
-    end, ready for prediction; see `BeliefRegulator.scene`.
+    end, ready for prediction; see `BeliefRegulator.scene`. mass_history: None if no mass was learnt.
     """
 
     pairs: Sequence[tuple[str, str]]
@@ -41,6 +44,7 @@ class BeliefHistory:
     lost: Mapping[str, Sequence[tuple[float, float]]]
     joints: Sequence[BelievedJoint]
     scene: Scene
+    mass_history: MassHistory | None = None
 
     @classmethod
     def watch(
@@ -49,17 +53,31 @@ class BeliefHistory:
         track: Track,
         model: BeliefModel | str = "belief",
         given: bool = False,
+        weigh: bool = False,
         progress: Callable[[int, BeliefRegulator], None] = lambda frame, regulator: None,
     ) -> "BeliefHistory":
-        """Watch a whole track, brought to frames of 0.05 s; `progress` is called after every frame."""
+        """Watch a whole track, brought to frames of 0.05 s; `progress` is called after every frame.
+
+        given, weigh: see `BeliefRegulator`. What the track's force sensor read is taken into account.
+        """
         frames = track.at_frames()
-        regulator = BeliefRegulator(scene, model, given)
-        probabilities = []
-        for frame, (poses, down) in enumerate(frames.frames()):
-            probabilities.append(regulator.observe(poses, down))
+        regulator = BeliefRegulator(scene, model, given, weigh)
+        readings = [None] * len(frames.times) if frames.wrench is None else frames.wrench
+        probabilities, weighings = [], {}
+        for frame, ((poses, down), wrench) in enumerate(zip(frames.frames(), readings, strict=True)):
+            probabilities.append(regulator.observe(poses, down, wrench))
+            if frame % FRAMES_PER_WEIGHING == 0 or frame == len(frames.times) - 1:
+                weighings[float(frames.times[frame])] = regulator.masses()
             progress(frame, regulator)
-        believed = np.stack(probabilities)
-        return cls(regulator.pairs, frames.times, believed, frames.gaps, regulator.joints(), regulator.scene())
+        return cls(
+            regulator.pairs,
+            frames.times,
+            np.stack(probabilities),
+            frames.gaps,
+            regulator.joints(),
+            regulator.scene(),
+            MassHistory.of(weighings),
+        )
 
     @property
     def likeliest(self) -> dict[tuple[str, str], str]:
@@ -67,9 +85,26 @@ class BeliefHistory:
         kinds = list(JOINT_CODES)
         return {pair: kinds[row.argmax()] for pair, row in zip(self.pairs, self.probabilities[-1], strict=True)}
 
+    @property
+    def masses(self) -> Sequence[BelievedMass]:
+        """What was believed in the end of the masses that were learnt."""
+        return () if self.mass_history is None else self.mass_history.believed
+
     def apply_to(self, scene: Scene) -> Scene:
         """Another moment of the scene with the joints that are believed in the end; see `joined_as`."""
         return joined_as(self.scene, scene)
+
+    def apply_masses(self, scene: Scene) -> Scene:
+        """Another moment of the scene with the medians of the masses that are believed in the end.
+
+        Raises BeliefError if the two have other bodies, or no mass was learnt.
+        """
+        _check_same_bodies(self.scene, scene)
+        if not self.masses:
+            raise BeliefError(
+                "these beliefs hold no masses: all were given; pushgraph observe --masses unknown learns them"
+            )
+        return with_masses(scene, self.masses)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write JSON."""
@@ -82,6 +117,7 @@ class BeliefHistory:
             "probabilities": np.round(self.probabilities, DIGITS).tolist(),
             "lost": {name: [list(stretch) for stretch in stretches] for name, stretches in self.lost.items()},
             "believed_joints": [joint.to_json() for joint in self.joints],
+            "masses": None if self.mass_history is None else self.mass_history.to_json(),
             "scene": json.loads(self.scene.to_json()),
         }
         with replacing(path) as temporary:
@@ -104,6 +140,8 @@ class BeliefHistory:
             scene = Scene.from_json(json.dumps(content["scene"]), f"{path}: scene")
             joints = [BelievedJoint.from_json(joint) for joint in content["believed_joints"]]
             lost = {name: [(a, b) for a, b in stretches] for name, stretches in content["lost"].items()}
+            told = content["masses"]
+            masses = None if told is None else MassHistory.from_json(told, scene, f"{path}: masses")
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise BeliefError(f"{path}: these beliefs are damaged: {error!r}") from None
         except PushGraphError as error:
@@ -113,7 +151,7 @@ class BeliefHistory:
                 f"{path}: probabilities: must be finite numbers of shape {(len(times), len(pairs), len(JOINT_CODES))}, "
                 f"got {probabilities.shape}"
             )
-        return cls(pairs, times, probabilities, lost, joints, scene)
+        return cls(pairs, times, probabilities, lost, joints, scene, masses)
 
 
 def joined_as(believed: Scene, scene: Scene) -> Scene:
@@ -121,13 +159,17 @@ def joined_as(believed: Scene, scene: Scene) -> Scene:
 
     Raises BeliefError if the two have other bodies.
     """
+    _check_same_bodies(believed, scene)
+    old, new = believed.poses_world_from_body, scene.poses_world_from_body
+    joints = tuple(_carried(joint, scene.names, old, new) for joint in believed.joints)
+    return scene.replace(joints=joints, unknown_pairs=())
+
+
+def _check_same_bodies(believed: Scene, scene: Scene) -> None:
     if scene.names != believed.names:
         raise BeliefError(
             f"these beliefs are about {', '.join(believed.names)}; the scene has {', '.join(scene.names)}"
         )
-    old, new = believed.poses_world_from_body, scene.poses_world_from_body
-    joints = tuple(_carried(joint, scene.names, old, new) for joint in believed.joints)
-    return scene.replace(joints=joints, unknown_pairs=())
 
 
 def _carried(joint: Joint, names: Sequence[str], old: np.ndarray, new: np.ndarray) -> Joint:

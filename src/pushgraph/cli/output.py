@@ -1,5 +1,8 @@
 """What the commands print with."""
 
+from collections.abc import Sequence
+
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -12,3 +15,9 @@ BAR = (
     TextColumn("left"),
     TimeRemainingColumn(),
 )
+
+
+def check_choice(option: str, value: str, valid: Sequence[str]) -> None:
+    """Refuse an option's value that is none of the valid ones."""
+    if value not in valid:
+        raise typer.BadParameter(f"{value!r}; valid: {', '.join(valid)}", param_hint=f"--{option}")

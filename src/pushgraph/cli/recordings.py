@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 
-from pushgraph.cli.output import console
-from pushgraph.cli.scenes import joints_table, load_scene, places_table
+from pushgraph.cli.beliefs import joints_table, masses_table, places_table
+from pushgraph.cli.output import check_choice, console
+from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import TrackError
 from pushgraph.storage import replacing
 
@@ -41,6 +43,9 @@ def observe(
     relations: Annotated[
         str, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
     ] = "none",
+    masses: Annotated[
+        str, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
+    ] = "given",
     model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",
     physics: Annotated[
         Path | None, typer.Option(help="Checkpoint that the belief stands on.", show_default="the shipped one")
@@ -54,10 +59,11 @@ def observe(
     mend: _Mend = False,
     episode: _Episode = None,
 ) -> None:
-    """Watch a track and learn what is joined to what: a live table, beliefs over time (JSON, picture), the scene.
+    """Watch a track and learn what is joined to what, and what weighs how much: live tables, beliefs over time (JSON,
+    picture), the scene.
 
     What is doubtful about the track is printed; what cannot be believed is refused. The scene is written as it was in
-    the end, with the likeliest joints, ready for pushes and prediction.
+    the end, with the likeliest joints and the medians of learnt masses, ready for pushes and prediction.
 
     Examples:
 
@@ -65,7 +71,9 @@ def observe(
 
     `pushgraph observe scene.json take.csv --units "mm deg" --axes mirrored --name Take:RB1=cup`
 
-    `pushgraph predict scene.json --relations believed --beliefs observed/beliefs.json`
+    `pushgraph observe scene.json track.csv --masses unknown`
+
+    `pushgraph predict scene.json --relations believed --masses believed --beliefs observed/beliefs.json`
     """
     from pushgraph.belief import BeliefModel
     from pushgraph.belief_history import BeliefHistory
@@ -73,8 +81,8 @@ def observe(
     from pushgraph.recording.sightings import ReadOptions
     from pushgraph.viewer.beliefs import save_beliefs
 
-    if relations not in ("none", "given"):
-        raise typer.BadParameter(f"{relations!r}; valid: none, given", param_hint="--relations")
+    check_choice("relations", relations, ("none", "given"))
+    check_choice("masses", masses, ("given", "unknown"))
     loaded = load_scene(scene)
     recording = read_recording(
         track,
@@ -87,24 +95,32 @@ def observe(
     )
     _print_findings(finding for finding in recording.findings if not finding.grave)
     seen = recording.believed()
+    sensor = seen.wrench is not None
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
         def show(frame: int, regulator) -> None:
             if frame % FRAMES_PER_REFRESH == 0:
-                title = f"Likeliest joints after {regulator.frames} frames"
-                live.update(joints_table(title, regulator.pairs, regulator.probabilities), refresh=True)
+                after = f"after {regulator.frames} frames"
+                tables = [joints_table(f"Likeliest joints {after}", regulator.pairs, regulator.probabilities)]
+                if weighed := regulator.masses():
+                    tables.append(masses_table(f"Masses {after}", weighed, loaded, sensor))
+                live.update(Group(*tables), refresh=True)
 
         watching = BeliefModel.load(model, physics=physics)
-        history = BeliefHistory.watch(loaded, seen, watching, relations == "given", show)
+        history = BeliefHistory.watch(loaded, seen, watching, relations == "given", masses == "unknown", show)
     outputs = [out / "beliefs.json", out / "beliefs.png", out / "scene.json"]
     history.save(outputs[0])
-    save_beliefs(history.pairs, history.times, history.probabilities, outputs[1])
+    save_beliefs(history, outputs[1])
     with replacing(outputs[2]) as temporary:
         temporary.write_text(history.scene.to_json())
-    title = f"Likeliest joints after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
-    console.print(joints_table(title, history.pairs, history.probabilities[-1]))
+    after = f"after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
+    console.print(joints_table(f"Likeliest joints {after}", history.pairs, history.probabilities[-1]))
     if history.joints:
         console.print(places_table(history.joints))
+    if history.masses:
+        console.print(masses_table(f"Masses {after}", history.masses, loaded, sensor))
+    elif masses == "unknown":
+        console.print(f"No mass was learnt: {model} says nothing of masses, or nothing can move.", markup=False)
     for lost, stretches in history.lost.items():
         told = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches[:MOST_STRETCHES])
         more = f" and {len(stretches) - MOST_STRETCHES} times more" if len(stretches) > MOST_STRETCHES else ""

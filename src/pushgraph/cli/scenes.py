@@ -8,11 +8,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from pushgraph.cli.output import console
+from pushgraph.cli.beliefs import joints_table, masses_table
+from pushgraph.cli.output import check_choice, console
 from pushgraph.errors import SceneError
 
-SHOWN, LEAST_ROWS = 0.05, 3
-"""The table of beliefs shows pairs that are joined with at least this probability, and at least so many."""
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
 SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
@@ -40,7 +39,7 @@ def demo(
     with console.status("Simulating"):
         simulated = simulate(scene)
     with console.status("Watching"):
-        regulator = BeliefRegulator(scene)
+        regulator = BeliefRegulator(scene, weigh=True)
         believed = _predicted_while_watching(regulator, predictor, simulated)
     tracks = {"Predicted": predicted, "Simulated": simulated}
     outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png", out / "animation.gif"]
@@ -52,13 +51,17 @@ def demo(
         save_animation(tracks, outputs[3])
         save_believed_predictions(simulated, believed, regulator.pairs, outputs[4])
     console.print(_differences(predicted, simulated))
-    console.print(joints_table(f"Believed after {regulator.frames} frames", regulator.pairs, regulator.probabilities))
+    after = f"after {regulator.frames} frames"
+    console.print(joints_table(f"Believed {after}", regulator.pairs, regulator.probabilities))
+    console.print(masses_table(f"Masses believed {after}", regulator.masses(), scene, sensor=False))
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
-def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
+def _predicted_while_watching(regulator, predictor, track) -> dict:
     """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
     from pushgraph.belief_history import joined_as
+    from pushgraph.mass_history import with_masses
+    from pushgraph.viewer.beliefs import Moment
 
     frames = len(track.times)
     moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
@@ -66,8 +69,9 @@ def _predicted_while_watching(regulator, predictor, track) -> dict[str, tuple]:
     for frame, (poses, down) in enumerate(track.frames()):
         probabilities = regulator.observe(poses, down)
         if frame in moments:
-            scene = joined_as(regulator.scene(), track.scene)
-            found[moments[frame]] = predictor.predict_many([scene])[0], probabilities
+            masses = regulator.masses()
+            scene = with_masses(joined_as(regulator.scene(), track.scene), masses)
+            found[moments[frame]] = Moment(predictor.predict_many([scene])[0], probabilities, masses)
     return found
 
 
@@ -77,14 +81,16 @@ def predict(
     relations: Annotated[
         str, typer.Option(help="given; none: as if nothing were joined; believed: those of --beliefs.")
     ] = "given",
+    masses: Annotated[
+        str, typer.Option(help="given; mean: as if no mass were known; believed: the medians of --beliefs.")
+    ] = "given",
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
-    masses: Annotated[str, typer.Option(help="given, or mean: as if no mass were known.")] = "given",
     model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
 
-    How far off each body may be is stated, too: with `--beliefs`, as far as they are doubtful.
+    How far off each body may be is stated, too: with `--relations believed`, as far as these are doubtful.
 
     Examples:
 
@@ -92,20 +98,19 @@ def predict(
 
     `pushgraph predict demo --relations none --masses mean --animation none`
 
-    `pushgraph predict scene.json --relations believed --beliefs observed/beliefs.json`
+    `pushgraph predict scene.json --relations believed --masses believed --beliefs observed/beliefs.json`
     """
     from pushgraph.belief_history import BeliefHistory
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.plausibility import assumptions, simplifications
 
-    for name, value, valid in (
-        ("relations", relations, ("given", "none", "believed")),
-        ("masses", masses, ("given", "mean")),
-    ):
-        if value not in valid:
-            raise typer.BadParameter(f"{value!r}; valid: {', '.join(valid)}", param_hint=f"--{name}")
-    if (relations == "believed") != (beliefs is not None):
-        raise typer.BadParameter("needs --beliefs, and --beliefs needs it", param_hint="--relations believed")
+    check_choice("relations", relations, ("given", "none", "believed"))
+    check_choice("masses", masses, ("given", "mean", "believed"))
+    for option, value in (("relations", relations), ("masses", masses)):
+        if value == "believed" and beliefs is None:
+            raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
+    if beliefs is not None and "believed" not in (relations, masses):
+        raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
     _check_animation_option(animation)
     given = load_scene(scene)
     if relations == "none":
@@ -113,8 +118,11 @@ def predict(
     probabilities = None
     if beliefs is not None:
         history = BeliefHistory.load(beliefs)
-        given = history.apply_to(given)
-        probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
+        if relations == "believed":
+            given = history.apply_to(given)
+            probabilities = dict(zip(history.pairs, history.probabilities[-1], strict=True))
+        if masses == "believed":
+            given = history.apply_masses(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
@@ -123,42 +131,6 @@ def predict(
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
     _write_track(track, out or Path(Path(scene).stem), animation)
-
-
-def joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
-    """Pairs that may be joined, and how many others surely are not."""
-    from pushgraph.graph.scene_batch import JOINT_CODES
-
-    table = Table(title=title)
-    for name in ("pair", "likeliest", *JOINT_CODES):
-        table.add_column(name, justify="left" if name in ("pair", "likeliest") else "right")
-    kinds = list(JOINT_CODES)
-    joined = 1 - probabilities[:, JOINT_CODES["none"]]
-    order = np.argsort(-joined, kind="stable")[: max(LEAST_ROWS, int((joined > SHOWN).sum()))]
-    for pair in order.tolist():
-        row = probabilities[pair]
-        table.add_row(" - ".join(pairs[pair]), kinds[row.argmax()], *(f"{value:.3f}" for value in row))
-    table.caption = f"{len(pairs) - len(order)} more pairs are less likely joined than these"
-    return table
-
-
-def places_table(joints) -> Table:
-    """Where believed joints sit, and how far they were seen to move."""
-    table = Table(title="Believed joints, where they sit now (± one standard deviation)")
-    for name in ("joint", "kind", "sits", "was seen to move"):
-        table.add_column(name)
-    for joint in joints:
-        place = reached = ""
-        if joint.anchor is not None:
-            x, y = joint.anchor
-            place = f"at ({x:.3f}, {y:.3f}) m ± {joint.anchor_spread * 1e3:.1f} mm"
-            reached = "{:.1f} to {:.1f} degrees".format(*np.degrees(joint.reached))
-        if joint.axis is not None:
-            direction = np.degrees(np.arctan2(*joint.axis[::-1]))
-            place = f"along {direction:.1f} ± {np.degrees(joint.axis_spread):.1f} degrees"
-            reached = "{:.1f} to {:.1f} mm".format(*(1e3 * far for far in joint.reached))
-        table.add_row(f"{joint.parent} - {joint.child}", joint.kind, place, reached)
-    return table
 
 
 def simulate(
@@ -193,8 +165,7 @@ def _simulate(source: str, out: Path, animation: str) -> None:
 def _check_animation_option(animation: str) -> None:
     from pushgraph.viewer.animation import check_animation
 
-    if animation not in ("gif", "mp4", "none"):
-        raise typer.BadParameter(f"{animation!r}; valid: gif, mp4, none", param_hint="--animation")
+    check_choice("animation", animation, ("gif", "mp4", "none"))
     if animation != "none":
         check_animation(f"animation.{animation}")
 
