@@ -113,7 +113,7 @@ def test_sensitivities_are_those_of_predictions_and_add_up_to_zero() -> None:
 def test_without_evidence_the_answer_is_the_prior() -> None:
     scenes = unweighed(1.5, 0.3, 9.0)
     answer = MassChains.begin(scenes, [MASS_CLASSES]).answer(no_evidence(scenes), scenes)
-    assert (answer.probabilities - 1 / 3).abs().max() < 1e-6
+    assert (answer.probabilities - 1 / 3).abs().max() < 1e-3
     median, low, high = prior_quantiles(MASS_CLASSES, np.array([0.5, 0.16, 0.84]))
     for said, expected in ((answer.median, median), (answer.low, low), (answer.high, high)):
         assert said[0].numpy() == pytest.approx(np.full(3, expected), rel=0.05)
