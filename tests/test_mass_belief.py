@@ -68,7 +68,7 @@ def test_what_slides_pulls_with_friction_times_weight() -> None:
     motion = torch.zeros(1, 2, 3).double()
     motion[0, 0] = torch.tensor([0.006, 0.008, 0.0])
     tool = torch.tensor([[0.0, -0.1, 0.0]]).double()
-    felt = wrench_on_tool(scenes, poses, motion, motion, tool)
+    felt = wrench_on_tool(scenes, poses, motion, motion, tool, torch.zeros(1))
     force = FRICTION * 2.0 * GRAVITY
     torch.testing.assert_close(felt.wrench[0, :2], -force * torch.tensor([0.6, 0.8]).double(), rtol=1e-4, atol=1e-4)
     x, y = poses[0, 0, 0] + 0.003, poses[0, 0, 1] + 0.004 + 0.1
@@ -82,7 +82,7 @@ def test_getting_faster_takes_force() -> None:
     last = torch.zeros(1, 2, 3).double()
     motion = last.clone()
     motion[0, 0, 0] = 0.0025
-    felt = wrench_on_tool(scenes, poses, last, motion, torch.zeros(1, 3).double())
+    felt = wrench_on_tool(scenes, poses, last, motion, torch.zeros(1, 3).double(), torch.zeros(1))
     assert felt.wrench[0, 0] == pytest.approx(-2.0 * 0.0025 / 0.05**2, rel=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_sensitivities_are_those_of_predictions_and_add_up_to_zero() -> None:
     log_mass = torch.tensor([[2.0, 0.5, FRICTION]]).double().log()
     moves = torch.ones(1, 2, dtype=torch.bool)
     carried = torch.zeros(1, 2, 3, 3).double()
-    rows = Rows(torch.zeros(1, dtype=torch.long), state.poses, state.motions, carried, moves)
+    rows = Rows(torch.zeros(1, dtype=torch.long), state.poses, state.motions, carried, moves, torch.zeros(1))
     small = torch.full((1, 3), 0.01).double()
     linearized = linearize(dynamics, state, control, rows, log_mass, small)
     torch.testing.assert_close(linearized.motion, dynamics(state, control).motion)

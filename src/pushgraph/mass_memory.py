@@ -34,7 +34,7 @@ VARIED = (0.2, 1.2)
 """Masses are varied by as much as they are uncertain, in logarithms, but at least and at most this."""
 MEASURED = 1e-4**2
 """Poses are not taken for more exact than with this variance (m^2): contacts give way, back and forth."""
-TRACKED = 0.2
+TRACKED = 0.3
 """Share of the usual variance of predicted motions with which bodies are tracked: errors of prediction cancel in time,
 those of a camera do so at once."""
 
@@ -171,7 +171,7 @@ def observe(
         dynamics,
         State(memory.scenes, tracked.poses, tracked.motions, _double(relations), frame.before.still),
         controls,
-        Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves),
+        Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves, _blur(tracked, moves).sqrt()),
         log_mass,
         _spread(memory.evidence)[scene],
         felt=bool(both.wrench.isfinite().any()),
@@ -245,7 +245,9 @@ def surprises(
     noise = network.noise(step, linearized, tracked.variance[..., 0], camera)[..., [0, 0, 1]]
     observed = (camera.square()[:, None, [0, 0, 1]] + MEASURED).expand_as(surprise)
     expected = tracked.variance + TRACKED * usual_noise(step, linearized)[..., None]
-    return Surprises(surprise, tracked.variance + noise + observed, expected, observed)
+    # Where one body is taken to be off, those that it touches are expected off as well.
+    off_together = torch.maximum(tracked.variance, _blur(tracked, linearized.moves)[:, None, None])
+    return Surprises(surprise, off_together + noise + observed, expected, observed)
 
 
 def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
@@ -289,6 +291,11 @@ def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
 def _double(batch: Batch) -> Batch:
     """The same in float64."""
     return map_tensors(lambda values: values.double() if values.is_floating_point() else values, batch)
+
+
+def _blur(tracked: Tracked, moves: Bool[Tensor, "batch bodies"]) -> Float[Tensor, " batch"]:
+    """The greatest variance of the position of a body that takes part (m^2)."""
+    return torch.where(moves, tracked.variance[..., 0], 0.0).amax(1)
 
 
 def _split(batch: int) -> tuple[slice, slice]:

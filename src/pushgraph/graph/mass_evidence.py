@@ -63,14 +63,18 @@ class Linearized(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Steps side by side, one or several of each scene. carried: sensitivity of the poses at their beginning (m, turns
-    at LEVER). moves: bodies that take part."""
+    """Steps side by side, one or several of each scene.
+
+    carried: sensitivity of the poses at their beginning (m, turns at LEVER). moves: bodies that take part. blur: how
+    far poses may be off (m).
+    """
 
     scene: Int[Tensor, " rows"]
     poses: Float[Tensor, "rows bodies 3"]
     motions: Float[Tensor, "rows bodies 3"]
     carried: Float[Tensor, "rows bodies 3 variables"]
     moves: Bool[Tensor, "rows bodies"]
+    blur: Float[Tensor, " rows"]
 
 
 def linearize(
@@ -119,14 +123,16 @@ def linearize(
     linearized = Linearized(motion / scale, sensitivity, curvature, rows.moves, None)
     if not felt:
         return linearized
-    wrenches, doubts = _wrench(around, motions, steps)
+    wrenches, doubts = _wrench(around, motions, steps, rows.blur[everyone])
     wrench, larger, smaller = wrenches.split((count, len(row), len(row)))
     sensitivity = wrench.new_zeros(*wrench.shape, log_mass.shape[1])
     sensitivity[..., -1] = wrench
     sensitivity[row, :, body] = (larger - smaller) / sizes[:, None]
     missed = ((larger + smaller) / 2 - wrench[row]).square()
     curvature = torch.zeros_like(wrench).index_add(0, row, missed)
-    return linearized._replace(felt=Felt(wrench, sensitivity, curvature, doubts[:count]))
+    doubt, doubt_of_larger, _ = doubts.split((count, len(row), len(row)))
+    doubt = doubt.scatter_reduce(0, row, doubt_of_larger, "amax")
+    return linearized._replace(felt=Felt(wrench, sensitivity, curvature, doubt))
 
 
 def moving(
@@ -144,6 +150,8 @@ def with_masses(state: State, log_mass: Float[Tensor, "batch variables"]) -> Sta
     return state._replace(scenes=scenes._replace(mass=mass, table_friction=friction))
 
 
-def _wrench(state: State, motion: Float[Tensor, "batch bodies 3"], control: Control) -> ToolWrench:
+def _wrench(
+    state: State, motion: Float[Tensor, "batch bodies 3"], control: Control, blur: Float[Tensor, " batch"]
+) -> ToolWrench:
     middle = control.pose + control.motion / 2
-    return wrench_on_tool(state.scenes, state.poses, state.motions, motion, middle)
+    return wrench_on_tool(state.scenes, state.poses, state.motions, motion, middle, blur)

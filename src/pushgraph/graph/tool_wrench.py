@@ -8,6 +8,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.graph.scene_batch import SceneBatch
+from pushgraph.graph.state import STILL
 
 GRAVITY = 9.81
 FRAME_SECONDS = 0.05
@@ -15,6 +16,8 @@ LEAST_SLIP = 1e-5
 """Feet that slip less than this in a frame (m) bear less than their full friction."""
 CREEP = 3e-4
 """Bodies that move less than this in a frame (m) may be held by less than their full friction."""
+BLURRED = 2.0
+"""The same of bodies that move less than this times how far poses may be off."""
 
 
 class ToolWrench(NamedTuple):
@@ -34,11 +37,13 @@ def wrench_on_tool(
     last_motions: Float[Tensor, "batch bodies 3"],
     motions: Float[Tensor, "batch bodies 3"],
     tool: Float[Tensor, "batch 3"],
+    blur: Float[Tensor, " batch"],
 ) -> ToolWrench:
     """From how bodies move in a frame.
 
     poses: at its beginning. last_motions, motions: how they changed in the frame before and change in this one. tool:
-    pose_world_from_tool in its middle. The bodies' masses and the table's friction are those of `scenes`.
+    pose_world_from_tool in its middle. blur: how far poses may be off (m). The bodies' masses and the table's friction
+    are those of `scenes`.
     """
     mass = torch.where(scenes.present & ~scenes.immovable, scenes.mass, 0.0).to(poses.dtype)
     middle = poses + motions / 2
@@ -58,6 +63,7 @@ def wrench_on_tool(
     moment = x * force_y - y * force_x + torque
     inertia = mass * acceleration[..., :2].norm(dim=-1)
     way = motions[..., :2].norm(dim=-1)
-    creeping = torch.where(way > LEAST_SLIP, weight * torch.exp(-way / CREEP), 0.0)
+    creep = CREEP + BLURRED * blur[:, None]
+    creeping = torch.where(way > STILL, weight * torch.exp(-way / creep), 0.0)
     wrench = -torch.stack((force_x.sum(1), force_y.sum(1), moment.sum(1)), -1)
     return ToolWrench(wrench, inertia.sum(1) + creeping.sum(1))

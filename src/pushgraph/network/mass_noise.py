@@ -136,9 +136,9 @@ class MassNoise(nn.Module):
         levers = wrench.new_tensor([1.0, 1.0, WRENCH_LEVER])
         sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])
         variance = model[..., None] * levers.square() + sensor.square() + felt.curvature
-        freedom = self.log_freedom.exp()
-        weight = (freedom + 3) / (freedom + (off.square() / variance).sum(-1, keepdim=True))
-        weight = weight * self.log_worth_of_wrench.exp()
+        # Forces that contradict what is believed go on to pull, however strongly: all too sure beliefs must give way.
+        scaled = (off.square() / variance).sum(-1, keepdim=True) / self.log_freedom.exp()
+        weight = self.log_worth_of_wrench.exp() * (1 + scaled).rsqrt()
         return _evidence(felt.sensitivity, torch.where(said, weight / variance, 0.0), off, log_mass)
 
 
