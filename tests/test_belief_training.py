@@ -17,6 +17,7 @@ from pushgraph.network.dynamics import ContactDynamics
 from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.training import belief, loop, watching
 from pushgraph.training.belief import BeliefTask, BeliefTraining, belief_loss, train_belief
+from pushgraph.training.masses import mass_loss, weighed
 from pushgraph.training.processes import Processes
 from pushgraph.training.watching import NOISE, watched
 
@@ -137,12 +138,69 @@ def test_training_learns_and_goes_on_where_it_stopped(model, data, tmp_path, mon
         torch.testing.assert_close(pieces.network.state_dict()[name], values)
 
 
+@pytest.fixture(scope="module")
+def masses(tmp_path_factory) -> dict[str, str]:
+    """Three trajectories to learn masses from, two to choose by."""
+    paths = {}
+    for name, seed, count in (("masses", 0, 3), ("masses_validation", 1, 2)):
+        path = tmp_path_factory.mktemp("masses") / f"{name}.h5"
+        columns = Columns.of([draw_trajectory("different-masses-mixed", 3, seed, k) for k in range(count)])
+        recipe = Recipe(setup="different-masses-mixed", objects=3, seed=seed, first=0, count=count)
+        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        paths[name] = str(path)
+    return paths
+
+
+def test_masses_are_learnt_beside_joints_or_alone(data, masses, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(belief, "MASS_FRAMES", 30)
+    monkeypatch.setattr(belief, "MASS_VALIDATION", 2)
+    both = BeliefTraining("belief", **data, **masses, **TINY)
+    network = belief.BELIEFS["belief"](hidden=8)
+    BeliefTask(both, Processes(0, 1, 0), torch.device("cpu")).loss(network, 0).backward()
+    assert all(parameter.grad is not None for parameter in network.parameters())
+
+    start = tmp_path / "start.safetensors"
+    train_belief(dataclasses.replace(both, samples=120, masses=None, masses_validation=None), tmp_path, start)
+    alone = dataclasses.replace(both, samples=240, start_from=str(start), keep_joints=True)
+    train_belief(alone, tmp_path, tmp_path / "alone.safetensors")
+    before, after = (load_checkpoint(path).network.state_dict() for path in (start, tmp_path / "alone.safetensors"))
+    for name, values in before.items():
+        if not name.startswith("mass_noise"):
+            torch.testing.assert_close(after[name], values)
+
+
+def test_evidence_is_learnt_to_be_worth_what_it_is(masses) -> None:
+    """The loss of a track is less where its evidence is taken for what it is worth than for nothing."""
+    dynamics = load_checkpoint(shipped("contact")).network
+    network = load_checkpoint(shipped("belief")).network.mass_noise.requires_grad_(False)
+    sequences = SequenceSampler(Dataset(masses["masses"]), 60, 3, seed=1).batch(0)
+    tracks = weighed(sequences, torch.Generator().manual_seed(0))
+    told = mass_loss(network, dynamics, tracks)
+    network.log_worth -= 20
+    network.log_worth_of_wrench -= 20
+    assert told < mass_loss(network, dynamics, tracks) - 0.1
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"masses": "nowhere.h5"}, "both or neither"),
+        ({"masses": "nowhere.h5", "masses_validation": "nowhere.h5"}, "masses: no such dataset"),
+        ({"keep_joints": True}, "needs masses to learn"),
+    ],
+)
+def test_settings_about_masses_that_do_not_fit_are_refused(data, settings, reason: str) -> None:
+    with pytest.raises(TrainingError, match=reason):
+        BeliefTraining("belief", **data, **TINY, **settings)
+
+
 def test_the_physics_weights_stay_as_they_are(data) -> None:
     training = BeliefTraining("belief", **data, **TINY)
     task = BeliefTask(training, Processes(0, 1, 0), torch.device("cpu"))
     network = belief.BELIEFS["belief"](hidden=8)
     task.loss(network, 0).backward()
-    assert all(parameter.grad is not None for parameter in network.parameters())
+    of_masses = {id(parameter) for parameter in network.mass_noise.parameters()}
+    assert all((parameter.grad is None) == (id(parameter) in of_masses) for parameter in network.parameters())
     assert all(parameter.grad is None for parameter in task._dynamics.parameters())
     names = set(network.state_dict())
     assert not any("solver" in name for name in names)

@@ -43,10 +43,10 @@ class Processes:
         """Give every process the mean gradient, in one message."""
         if self.count == 1:
             return
-        gradients = [p.grad if p.grad is not None else torch.zeros_like(p) for p in network.parameters()]
-        mean = self.mean(torch.cat([gradient.flatten() for gradient in gradients]))
-        parts = mean.split([gradient.numel() for gradient in gradients])
-        for parameter, part in zip(network.parameters(), parts, strict=True):
+        learning = [parameter for parameter in network.parameters() if parameter.grad is not None]
+        mean = self.mean(torch.cat([parameter.grad.flatten() for parameter in learning]))
+        parts = mean.split([parameter.numel() for parameter in learning])
+        for parameter, part in zip(learning, parts, strict=True):
             parameter.grad = part.view_as(parameter)
 
     def check_parent(self) -> None:
