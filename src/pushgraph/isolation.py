@@ -52,7 +52,7 @@ def _last_words(done: subprocess.CompletedProcess) -> str:
 
 def _packed(found: dict[str, Any]) -> bytes:
     memory = io.BytesIO()
-    arrays = {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
+    arrays: dict[str, Any] = {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
     rest = {name: value for name, value in found.items() if name not in arrays}
     np.savez(memory, json=np.array(json.dumps(rest)), **arrays)
     return memory.getvalue()

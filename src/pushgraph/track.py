@@ -83,7 +83,7 @@ class Track:
         finite = np.isfinite(self.poses)
         yaw_optional = np.array([False, *(not body.yaw_known for body in self.scene.bodies)])
         finite[..., 2] |= yaw_optional & np.isnan(self.poses[..., 2])
-        bad = self.seen & ~finite.all(-1)
+        bad = self.seen & ~(finite[..., 0] & finite[..., 1] & finite[..., 2])  # `all` over so few is ten times slower
         if bad.any():
             frame, node = np.argwhere(bad)[0]
             raise TrackError(

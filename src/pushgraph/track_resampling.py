@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -37,11 +38,13 @@ def in_frames(samples: Frames) -> Frames:
     for before, after in pairwise(stretches):
         lifts = before.push[-1] != LIFTED and after.push[0] != LIFTED
         parts += [_lift_between(before, after), after] if lifts else [after]
-    return Frames(*(None if columns[0] is None else np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    columns: list[Any] = [None if some[0] is None else np.concatenate(some) for some in zip(*parts, strict=True)]
+    return Frames(*columns)
 
 
 def _part(samples: Frames, part: slice) -> Frames:
-    return Frames(*(None if column is None else column[part] for column in samples))
+    columns: list[Any] = [None if column is None else column[part] for column in samples]
+    return Frames(*columns)
 
 
 def _stretch_in_frames(samples: Frames, bridge: float) -> Frames:
