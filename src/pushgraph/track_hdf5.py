@@ -53,11 +53,11 @@ def load_hdf5(path: Path, spread_fields: Sequence[str]) -> StoredTrack:
         raise TrackError("cannot read this track: there is no such file")
     try:
         intact = is_intact(path)
+        if intact is False:
+            raise TrackError("cannot read this track: the file is damaged, its bytes are not those that were saved")
+        found = contents(path, spread_fields) if intact else read_isolated(contents, path, spread_fields)
     except OSError as error:
         raise TrackError(f"cannot read this track: {error.strerror or error}") from None
-    if intact is False:
-        raise TrackError("cannot read this track: the file is damaged, its bytes are not those that were saved")
-    found = contents(path, spread_fields) if intact else read_isolated(contents, path, spread_fields)
     frames = Frames(**{name: found[name] for name in _ARRAYS if name in found})
     spread = {name: found[f"spread/{name}"] for name in spread_fields if f"spread/{name}" in found}
     return StoredTrack(found["scene"], tuple(found["nodes"]), frames, spread or None)
