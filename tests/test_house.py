@@ -11,8 +11,10 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "pushgraph"
 ORDER = [
     "errors",
+    "checksum",
     "storage",
     "stored_array",
+    "isolation",
     "record",
     "mass_prior",
     "pose",
@@ -29,6 +31,10 @@ ORDER = [
     "scene_range",
     "spread",
     "wrench",
+    "track_frames",
+    "track_hdf5",
+    "track_csv",
+    "track_resampling",
     "track",
     "plausibility",
     "recording",

@@ -12,7 +12,8 @@ from scenes import body, workshop
 from pushgraph.errors import StorageError, TrackError
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
-from pushgraph.track import COLUMNS, Track
+from pushgraph.track import Track
+from pushgraph.track_csv import COLUMNS
 
 
 @pytest.fixture(scope="module")

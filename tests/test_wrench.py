@@ -21,7 +21,8 @@ from pushgraph.shape import Cylinder
 from pushgraph.simulation.force_sensor import FORCE_NOISE, MOMENT_NOISE, measured_wrench
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push
-from pushgraph.track import COLUMNS, FRAME, LIFTED, Track
+from pushgraph.track import FRAME, LIFTED, Track
+from pushgraph.track_csv import COLUMNS
 from pushgraph.wrench import COMPONENTS, check_measured, mean_since
 
 GRAVITY = 9.81

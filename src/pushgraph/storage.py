@@ -7,6 +7,7 @@ from pathlib import Path
 
 import h5py
 
+from pushgraph.checksum import checksum_line
 from pushgraph.errors import StorageError
 
 
@@ -32,17 +33,18 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def replacing_hdf5(path: str | os.PathLike) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file, made in memory, that becomes `path` on success; see `replacing`.
+def replacing_hdf5(path: str | os.PathLike, checksum: bool = False) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file that becomes `path` on success; see `replacing`.
 
-    In memory, because the HDF5 library crashes the process if the disk is full when it closes a file.
+    checksum: whether the file ends with one; see `is_intact`. It is made in memory, because the HDF5 library crashes
+    the process if the disk is full when it closes a file.
     """
     with h5py.File("in memory", "w", driver="core", backing_store=False) as file:
         yield file
         file.flush()
         image = file.id.get_file_image()
     with replacing(path) as temporary:
-        temporary.write_bytes(image)
+        temporary.write_bytes(image + checksum_line(image) if checksum else image)
 
 
 def cache_folder() -> Path:

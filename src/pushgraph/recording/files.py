@@ -8,21 +8,14 @@ import h5py
 import numpy as np
 
 from pushgraph.errors import TrackError
-from pushgraph.recording.isolation import read_isolated
-from pushgraph.recording.readers.bags import read_bag
+from pushgraph.recording.binary import BINARY, read_binary
 from pushgraph.recording.readers.csv_table import read_csv
-from pushgraph.recording.readers.hdf5 import SIGHTINGS, read_hdf5
-from pushgraph.recording.readers.lerobot import read_parquet
+from pushgraph.recording.readers.hdf5 import SIGHTINGS
 from pushgraph.recording.readers.motive import is_motive, read_motive
 from pushgraph.recording.sightings import COLUMNS, DEFAULTS, NO_PUSH, ReadOptions, Sightings
 from pushgraph.storage import replacing, replacing_hdf5
 from pushgraph.wrench import COMPONENTS
 
-BINARY = {
-    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
-    **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
-    ".parquet": read_parquet,
-}
 TEXT = (".csv", ".tsv", ".txt")
 CSV_HEADER = ("time", "node", "x", "y", "yaw", "push")
 
@@ -33,12 +26,12 @@ def read_sightings(path: Path, options: ReadOptions = DEFAULTS) -> Sightings:
         if options.up not in (None, "x", "y", "z"):
             raise TrackError(f"up {options.up!r}; valid: x, y, z")
         if path.is_dir():
-            return read_isolated(read_bag, path, options)
+            return read_binary(path, options)
         suffix = path.suffix.lower()
         if not path.is_file():
             raise TrackError("there is no such file")
         if suffix in BINARY:
-            return read_isolated(BINARY[suffix], path, options)
+            return read_binary(path, options)
         if suffix not in TEXT:
             raise TrackError(f"unknown kind of file; valid: {', '.join((*TEXT, *BINARY))}, a folder of ROS 2")
         with path.open("rb") as file:

@@ -10,10 +10,10 @@ import numpy as np
 from pushgraph.errors import TrackError
 from pushgraph.recording.sightings import COLUMNS, NO_PUSH, ReadOptions, Sightings
 from pushgraph.stored_array import stored
+from pushgraph.track_hdf5 import FORMAT as TRACK
 from pushgraph.wrench import COMPONENTS
 
 SIGHTINGS = "pushgraph.sightings"
-TRACK = "pushgraph.track"
 
 
 def read_hdf5(path: Path, options: ReadOptions) -> Sightings:

@@ -10,11 +10,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pushgraph.errors import PushGraphError, TrackError
-from pushgraph.recording.sightings import COLUMNS, Declared, ReadOptions, Sightings
 
 MEMORY, MEMORY_PER_BYTE = 700_000_000, 20
 """Bytes that reading may allocate, and more for each byte of the file."""
@@ -23,13 +23,14 @@ PATIENCE, PATIENCE_PER_BYTE = 15.0, 1e-6
 REFUSED = 3
 """Exit status of a reader that says why it does not read the file."""
 
-Reader = Callable[[Path, ReadOptions], Sightings]
+Reader = Callable[..., dict[str, Any]]
+"""A function of a module, of a path and what JSON can hold; returns named arrays, and what JSON can hold."""
 
 
-def read_isolated(reader: Reader, path: Path, options: ReadOptions) -> Sightings:
+def read_isolated(reader: Reader, path: Path, *arguments: Any) -> dict[str, Any]:
     """What the reader reads; raises TrackError if it refuses, crashes, or takes more memory or time than it may."""
     size = sum(part.stat().st_size for part in ([path] if path.is_file() else path.rglob("*")) if part.is_file())
-    job = [reader.__module__, reader.__name__, str(path), options._asdict(), MEMORY + MEMORY_PER_BYTE * size]
+    job = [reader.__module__, reader.__name__, str(path), arguments, MEMORY + MEMORY_PER_BYTE * size]
     command = [sys.executable, "-m", __name__, json.dumps(job)]
     try:
         done = subprocess.run(command, capture_output=True, timeout=PATIENCE + PATIENCE_PER_BYTE * size)
@@ -49,18 +50,18 @@ def _last_words(done: subprocess.CompletedProcess) -> str:
     return f": {lines[-1][:300]}" if lines else ""
 
 
-def _packed(sightings: Sightings) -> bytes:
+def _packed(found: dict[str, Any]) -> bytes:
     memory = io.BytesIO()
-    header = json.dumps([sightings.names, sightings.declared, sightings.remarks, sightings.scene])
-    np.savez(memory, header=np.array(header), **{name: getattr(sightings, name) for name in COLUMNS})
+    arrays: dict[str, Any] = {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
+    rest = {name: value for name, value in found.items() if name not in arrays}
+    np.savez(memory, json=np.array(json.dumps(rest)), **arrays)
     return memory.getvalue()
 
 
-def _unpacked(content: bytes) -> Sightings:
+def _unpacked(content: bytes) -> dict[str, Any]:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        names, declared, remarks, scene = json.loads(str(arrays["header"]))
-        columns = {name: arrays[name] for name in COLUMNS}
-    return Sightings(tuple(names), **columns, declared=Declared(*declared), remarks=tuple(remarks), scene=scene)
+        found = dict(arrays)
+    return json.loads(str(found.pop("json"))) | found
 
 
 def _bound_memory(most: int) -> None:
@@ -73,10 +74,10 @@ def _bound_memory(most: int) -> None:
 
 
 def _main(job: str) -> None:
-    module, name, path, options, memory = json.loads(job)
+    module, name, path, arguments, memory = json.loads(job)
     _bound_memory(memory)
     try:
-        content = _packed(getattr(importlib.import_module(module), name)(Path(path), ReadOptions(**options)))
+        content = _packed(getattr(importlib.import_module(module), name)(Path(path), *arguments))
     except PushGraphError as error:
         message = str(error)
     except MemoryError:
