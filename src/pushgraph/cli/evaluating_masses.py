@@ -39,7 +39,7 @@ def masses(
     results.save(out / "results.json")
     save_mass_curves(results.rows, out / "curves.png")
     for number in numbers:
-        console.print(_masses_table(results, number))
+        console.print(*_masses_tables(results, number))
     say_written(out, "curves.png")
 
 
@@ -84,7 +84,7 @@ def controlled_masses(
     if save_alike(scenes, out / "alike.png"):
         written.append("alike.png")
     for number in numbers:
-        console.print(_controlled_table(results, scenes, number))
+        console.print(*_controlled_tables(results, scenes, number))
     say_written(out, *written)
 
 
@@ -128,53 +128,70 @@ def _cells(values: list[float | None], digits: int = 3) -> list[str]:
     return ["-" if value is None else f"{value:.{digits}f}" for value in values]
 
 
-def _masses_table(results, objects: int) -> Table:
-    table = Table(title=f"Masses, {objects} objects (95 % interval over scenes in results.json)", pad_edge=False)
-    wanted = [
-        *(("mean_abs_error_kg", subset) for subset in ("all", "touched", "pushed")),
-        *(("interval_accuracy", subset) for subset in ("touched", "pushed")),
-        *(("coverage_68", "all"), ("ece", "all"), ("slide_error", "pushed")),
-    ]
-    columns = ("error, kg", "touched", "pushed", "right, touched", "pushed", "68 %", "ece", "slide, pushed")
-    for name in ("frames", "input", "model", *columns):
-        table.add_column(name, justify="left" if name in ("input", "model") else "right")
-    table.caption = "right: likeliest class; slide: relative error of the force that slides a body, in the median"
-    names = ("observed_frames", "input", "model", "metric", "subset")
-    shown = [
-        row for row in results.rows if row["objects"] == objects and row["observed_frames"] in (20, 40, 100, "end")
-    ]
-    values = {tuple(row[name] for name in names): row["value"] for row in shown}
-    order = sorted(dict.fromkeys(key[:3] for key in values), key=lambda key: (key[0] == "end", key[0]))
-    for observed, some in itertools.groupby(order, key=lambda key: key[0]):
-        table.add_section()
-        for _, given, model in some:
-            told = [values.get((observed, given, model, *one)) for one in wanted]
-            table.add_row(str(observed), given.replace("_", " "), model.replace("_", " "), *_cells(told, 2))
-    return table
+def _masses_tables(results, objects: int) -> list[Table]:
+    """One for each of what was observed."""
+    from pushgraph.evaluation.masses import INPUTS
+
+    tables = []
+    for given in INPUTS:
+        title = f"Masses from {given.replace('_', ' ')}, {objects} objects"
+        table = Table(title=title, pad_edge=False)
+        wanted = [
+            *(("mean_abs_error_kg", subset) for subset in ("all", "touched", "pushed")),
+            *(("interval_accuracy", subset) for subset in ("touched", "pushed")),
+            *(("coverage_68", "all"), ("ece", "all"), ("slide_error", "pushed")),
+        ]
+        names = ("kg, all", "touched", "pushed", "right, t.", "pushed", "68 %", "ece", "slide")
+        table.add_column("frames", justify="right")
+        table.add_column("model")
+        for name in names:
+            table.add_column(name, justify="right")
+        table.caption = (
+            "kg: mean error; right: likeliest class, of touched and of pushed bodies; slide: relative error of the "
+            "force that slides a body, in the median; 95 % intervals over scenes in results.json"
+        )
+        rows = [row for row in results.rows if (row["objects"], row["input"]) == (objects, given)]
+        values = {
+            tuple(row[name] for name in ("observed_frames", "model", "metric", "subset")): row["value"]
+            for row in rows
+            if row["observed_frames"] in (20, 40, 100, "end")
+        }
+        order = sorted(dict.fromkeys(key[:2] for key in values), key=lambda key: (key[0] == "end", key[0]))
+        for observed, some in itertools.groupby(order, key=lambda key: key[0]):
+            table.add_section()
+            for _, model in some:
+                told = [values.get((observed, model, *one)) for one in wanted]
+                table.add_row(str(observed), model.replace("_", " "), *_cells(told, 2))
+        tables.append(table)
+    return tables
 
 
-def _controlled_table(results, scenes, objects: int) -> Table:
+def _controlled_tables(results, scenes, objects: int) -> list[Table]:
+    """Numbers, and how many scenes were told how well."""
     from pushgraph.evaluation.controlled_masses import histogram, mix_ups, reference_histogram
 
-    title = f"Controlled scenes of {objects} objects (95 % interval over scenes in results.json)"
-    table = Table(title=title, pad_edge=False)
-    metrics = ("mean_abs_error_kg", "interval_accuracy", "log_score", "coverage_68", "share_under_1_kg", "ece")
-    names = ("error, kg", "right", "log score", "68 %", "< 1 kg", "ece", "mean error", "rms", "mixed up")
-    for name in ("model", "input", *names):
-        table.add_column(name, justify="left" if name in ("model", "input") else "right")
-    table.caption = (
-        "scenes by mean error (< 1, 1-2, 2-4, 4-8, > 8 kg); by the reference's root mean square, the robot included "
-        "(< 0.71, -1.41, -2.83, -5.66, more); by worst mistake (none, neighbouring classes, light and heavy)"
+    numbers = Table(title=f"Controlled scenes of {objects} objects", pad_edge=False)
+    numbers.caption = "95 % intervals over scenes in results.json"
+    bars = Table(title=f"Scenes of {objects} objects by how well they were told", pad_edge=False)
+    bars.caption = (
+        "error: mean of a scene, < 1, 1-2, 2-4, 4-8, > 8 kg; rms: the reference's root mean square, the robot "
+        "included, < 0.71, -1.41, -2.83, -5.66, more; mixed up: none, neighbouring classes, light and heavy"
     )
+    metrics = ("mean_abs_error_kg", "interval_accuracy", "log_score", "coverage_68", "share_under_1_kg", "ece")
+    columns = ("error, kg", "right", "log score", "68 %", "< 1 kg", "ece"), ("error", "rms", "mixed up")
+    for table, names in zip((numbers, bars), columns, strict=True):
+        for name in ("model", "input", *names):
+            table.add_column(name, justify="left" if name in ("model", "input") else "right")
     chosen = [scene for scene in scenes if scene.objects == objects]
     for model, given in chosen[0].answers:
         labels = {"model": model, "input": given, "objects": objects}
         rows = [row for row in results.rows if labels.items() <= row.items()]
         values = {row["metric"]: row["value"] for row in rows}
+        name = model.replace("_", " ")
+        numbers.add_row(name, given, *_cells([values[metric] for metric in metrics]))
         counts = (count(chosen, model, given).tolist() for count in (histogram, reference_histogram, mix_ups))
-        bars = (" ".join(map(str, some)) for some in counts)
-        table.add_row(model.replace("_", " "), given, *_cells([values[metric] for metric in metrics]), *bars)
-    return table
+        bars.add_row(name, given, *(" ".join(map(str, some)) for some in counts))
+    return [numbers, bars]
 
 
 def _coupled_table(scenes, objects: int) -> Table:
