@@ -98,6 +98,7 @@ train_physics(training, folder, folder / "out.safetensors", tell=lambda now, los
 """
 
 
+@pytest.mark.slow  # a minute
 def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> None:
     training = PhysicsTraining("contact", **data, samples=32 * 60, **TINY)
     train_physics(training, tmp_path / "whole", tmp_path / "whole.safetensors")
