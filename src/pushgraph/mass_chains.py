@@ -67,7 +67,7 @@ class MassPriors(NamedTuple):
         density = np.zeros((batch, bodies + 1, count))
         order = np.tile(np.arange(count), (batch, 1))
         for k, some in enumerate(classes):
-            rising = sorted(range(len(some)), key=lambda c, some=some: some[c].lowest)
+            rising = np.argsort([one.lowest for one in some], kind="stable").tolist()
             total = sum(one.share for one in some)
             for place, c in enumerate(rising):
                 one = some[c]

@@ -98,16 +98,17 @@ class BeliefRegulator:
         room = self._scenes.mass.shape[1]
         bodies, in_sight = np.zeros((1, room, 3)), np.zeros((1, room), dtype=bool)
         bodies[0, : len(poses) - 1], in_sight[0, : len(poses) - 1] = poses[1:], seen[1:]
-        arrays = bodies, poses[None, 0], np.array([down]), in_sight
-        frame = [torch.from_numpy(array) for array in arrays]
+        places, tool, is_down, visible = (
+            torch.from_numpy(array) for array in (bodies, poses[None, 0], np.array([down]), in_sight)
+        )
         with single_threaded():
             if self._watch is None:
-                self._watch = self.model.begin(self._scenes, *frame, self._classes)
+                self._watch = self.model.begin(self._scenes, places, tool, is_down, visible, self._classes)
             else:
                 view = self._watch.view
                 before = self._watch._replace(view=view._replace(down=view.down & (not lifted)))
                 felt = None if wrench is None else torch.from_numpy(wrench)[None]
-                self._watch = self.model.observe(before, *frame, felt)
+                self._watch = self.model.observe(before, places, tool, is_down, visible, felt)
         self._poses = poses
         self._unseen = np.where(seen, 0, self._unseen + 1)
         self._ever_seen |= seen

@@ -104,7 +104,8 @@ def linearize(
     masses[varied, body.repeat(2)] += torch.cat((step, -step))
     offset = torch.cat((torch.zeros_like(rows.poses), offset, -offset))
     scene = rows.scene[everyone]
-    scenes, relations = (map_tensors(lambda values: values[scene], part) for part in (scenes, state.relations))
+    scenes = map_tensors(lambda values: values[scene], scenes)
+    relations = map_tensors(lambda values: values[scene], state.relations)
     of_rows = State(scenes, poses + offset, rows.motions[everyone], relations, state.still)
     steps = map_tensors(lambda values: values[everyone], control)
     around = with_masses(of_rows, masses)

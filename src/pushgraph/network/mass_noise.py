@@ -54,11 +54,12 @@ class MassNoise(nn.Module):
 
     def __init__(self, hidden: int = 24) -> None:
         super().__init__()
+        last = nn.Linear(hidden, 2)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
         self.layers = nn.Sequential(
-            nn.Linear(len(FEATURES), hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 2)
+            nn.Linear(len(FEATURES), hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), last
         )
-        nn.init.zeros_(self.layers[-1].weight)
-        nn.init.zeros_(self.layers[-1].bias)
         self.log_freedom = nn.Parameter(torch.tensor([1.4]))
         """Logarithm of the degrees of freedom of Student's distribution that surprises have."""
         self.log_worth = nn.Parameter(torch.tensor([0.0]))

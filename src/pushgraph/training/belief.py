@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from pushgraph.dataset.sequences import SequenceSampler
 from pushgraph.errors import TrainingError
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.scene_batch import batch_scenes
-from pushgraph.network.belief_network import BELIEFS, Rows
+from pushgraph.network.belief_network import BELIEFS, BeliefNetwork, Rows
 from pushgraph.scene_range import range_of
 from pushgraph.training.conduct import conduct, open_dataset
 from pushgraph.training.masses import Weighed, mass_loss, weighed
@@ -177,8 +177,11 @@ class BeliefTask:
         if self._masses is not None:
             generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 3)) % 2**63)
             tracks = weighed(self._masses.batch(step), generator)
-            losses.append(mass_loss(network.mass_noise, self._dynamics, tracks).float())
+            losses.append(self._loss_of_masses(network, tracks))
         return torch.stack(losses).sum()
+
+    def _loss_of_masses(self, network: nn.Module, tracks: Weighed) -> Tensor:
+        return mass_loss(cast(BeliefNetwork, network).mass_noise, self._dynamics, tracks).float()
 
     def _loss_of_joints(self, network: nn.Module, step: int) -> Tensor:
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
@@ -204,7 +207,7 @@ class BeliefTask:
         nll = torch.stack(surprise).mean()
         masses = nll.new_zeros(())
         if self._masses_validation:
-            losses = [mass_loss(network.mass_noise, self._dynamics, tracks) for tracks in self._masses_validation]
+            losses = [self._loss_of_masses(network, tracks) for tracks in self._masses_validation]
             masses = torch.stack(losses).mean().to(nll.dtype)
         return torch.stack([nll + masses, masses, nll, *wrong, torch.ones((), device=self._device)])
 

@@ -68,8 +68,8 @@ def weighed(sequences: SequenceBatch, generator: torch.Generator) -> Weighed:
     )
     last = int(frames * (SHORTEST + (1 - SHORTEST) * float(torch.rand((), generator=generator)))) + 1
     down = torch.from_numpy(sequences.down)
-    columns = (bodies + size * noise, poses[:, :, 0], down, wrench)
-    return Weighed(scenes, *(values[:, :last] for values in columns), true)
+    bodies = bodies + size * noise
+    return Weighed(scenes, bodies[:, :last], poses[:, :last, 0], down[:, :last], wrench[:, :last], true)
 
 
 def mass_loss(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Float[Tensor, ""]:
@@ -93,11 +93,10 @@ def last_looks(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Look
     memory = begin(scenes, tracks.poses[:, 0], chains)
     looks: list[Looked] = []
     for k in range(1, tracks.poses.shape[1]):
-        columns = (values[:, k] for values in (tracks.poses, tracks.tool, tracks.down))
-        view, frame = look(view, *columns, seen, bodies_in_reach)
+        view, frame = look(view, tracks.poses[:, k], tracks.tool[:, k], tracks.down[:, k], seen, bodies_in_reach)
         motion = dynamics(frame.before, frame.control).motion
-        columns = (frame, view, motion, view.state.relations, tracks.wrench[:, k])
-        memory = observe(memory, network, dynamics, *columns, looks.append)
+        relations, wrench = view.state.relations, tracks.wrench[:, k]
+        memory = observe(memory, network, dynamics, frame, view, motion, relations, wrench, looks.append)
     looked = concatenate(looks)
     place = looked.scene * (memory.frames + 1) + looked.number
     # Of equal places the last one written stays.
