@@ -20,6 +20,8 @@ from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.track import FRAME
 
 WARM_UP, FRAMES = 20, 200
+MASSES = ("given", "weighed", "weighed, force")
+"""Known masses, all learnt from motion, or from motion and a force sensor."""
 
 
 def main(
@@ -32,28 +34,31 @@ def main(
     table = Table(
         title=f"One observe, one thread, after {WARM_UP} frames of warm-up (ms); a frame lasts {FRAME * 1e3:g}"
     )
-    for name in ("objects", "median", "95th percentile", "slowest", "with the tool down, median"):
-        table.add_column(name, justify="right")
+    for name in ("objects", "masses", "median", "95th percentile", "slowest", "with the tool down, median"):
+        table.add_column(name, justify="left" if name == "masses" else "right")
     figures = {}
     for objects in (6, 9, 12):
-        taken, down = [], []
-        for index in range(scenes):
-            track = draw_trajectory("multiple-parts", objects, seed, index).track
-            regulator = BeliefRegulator(track.scene, model)
-            for poses, is_down in zip(track.poses[:FRAMES], track.down[:FRAMES].tolist(), strict=True):
-                begun = time.perf_counter()
-                regulator.observe(poses, is_down)
-                if regulator.frames > WARM_UP:
-                    taken.append(1e3 * (time.perf_counter() - begun))
-                    down.append(is_down)
-        times = np.array(taken)
-        figures[objects] = {
-            "median": float(np.median(times)),
-            "p95": float(np.percentile(times, 95)),
-            "slowest": float(times.max()),
-            "median_down": float(np.median(times[np.array(down)])),
-        }
-        table.add_row(str(objects), *(f"{value:.2f}" for value in figures[objects].values()))
+        tracks = [draw_trajectory("multiple-parts", objects, seed, index).track for index in range(scenes)]
+        for masses in MASSES:
+            taken, down = [], []
+            for track in tracks:
+                regulator = BeliefRegulator(track.scene, model, weigh=masses != "given")
+                for poses, is_down, wrench in zip(track.poses[:FRAMES], track.down, track.wrench, strict=False):
+                    felt = wrench if masses == "weighed, force" else None
+                    begun = time.perf_counter()
+                    regulator.observe(poses, bool(is_down), felt)
+                    if regulator.frames > WARM_UP:
+                        taken.append(1e3 * (time.perf_counter() - begun))
+                        down.append(bool(is_down))
+            times = np.array(taken)
+            of_these = {
+                "median": float(np.median(times)),
+                "p95": float(np.percentile(times, 95)),
+                "slowest": float(times.max()),
+                "median_down": float(np.median(times[np.array(down)])),
+            }
+            figures[f"{objects} {masses}"] = of_these
+            table.add_row(str(objects), masses, *(f"{value:.2f}" for value in of_these.values()))
     console = Console()
     console.print(table)
     out.mkdir(parents=True, exist_ok=True)

@@ -95,7 +95,7 @@ def test_motions_and_states_of_contacts(scenes) -> None:
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("limit", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("limit", [0.3, *(pytest.param(limit, marks=pytest.mark.slow) for limit in (3.0, 30.0))])
 def test_tools_with_a_force_limit(limit: float, scenes, monkeypatch) -> None:
     """Solved to rounding, but for the few steps in which iterations end before that."""
     monkeypatch.setattr("pushgraph.network.newton.CONVERGED", 1e-9)
