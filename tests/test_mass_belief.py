@@ -9,10 +9,11 @@ import torch
 import pushgraph as pg
 from pushgraph.belief import BeliefModel
 from pushgraph.errors import BeliefError
+from pushgraph.graph.contact_graph import GRAVITY
 from pushgraph.graph.mass_evidence import Rows, linearize
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import Control, start
-from pushgraph.graph.tool_wrench import GRAVITY, wrench_on_tool
+from pushgraph.graph.tool_wrench import wrench_on_tool
 from pushgraph.mass_chains import MassChains
 from pushgraph.mass_prior import MASS_CLASSES, class_of, prior_quantiles, shares_of
 from pushgraph.network.mass_noise import Evidence

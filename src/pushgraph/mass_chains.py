@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pushgraph.graph.contact_graph import GRAVITY
 from pushgraph.graph.scene_batch import SceneBatch
 from pushgraph.mass_prior import MassClass
 from pushgraph.network.mass_noise import Evidence
 
-GRAVITY = 9.81
 CHAINS = 32
 """Samples of each scene."""
 BINS = 16

@@ -7,11 +7,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph import pose
+from pushgraph.graph.contact_graph import GRAVITY
 from pushgraph.graph.scene_batch import SceneBatch
 from pushgraph.graph.state import STILL
+from pushgraph.track import FRAME
 
-GRAVITY = 9.81
-FRAME_SECONDS = 0.05
 LEAST_SLIP = 1e-5
 """Feet that slip less than this in a frame (m) bear less than their full friction."""
 CREEP = 3e-4
@@ -55,7 +55,7 @@ def wrench_on_tool(
     weight = mass * GRAVITY * scenes.table_friction.to(poses.dtype)[:, None]
     friction_x, friction_y = (over * slip_x).sum(-1) * weight, (over * slip_y).sum(-1) * weight
     torque = (over * (arms[..., 0] * slip_y - arms[..., 1] * slip_x + scenes.feet.radii * spin)).sum(-1) * weight
-    acceleration = (motions - last_motions) / FRAME_SECONDS**2
+    acceleration = (motions - last_motions) / FRAME**2
     force_x = friction_x + mass * acceleration[..., 0]
     force_y = friction_y + mass * acceleration[..., 1]
     torque = torque + mass * scenes.gyration.to(poses.dtype) * acceleration[..., 2]
