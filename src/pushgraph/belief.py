@@ -126,7 +126,7 @@ class BeliefModel:
 
     def _learn(self, watch: Watch, view: View, frame: Frame, wrench: Tensor | None) -> Watch:
         foresight = self.dynamics.foresee(frame.before, frame.control)
-        evidence = evidence_from(self.network, frame, foresight)
+        evidence = evidence_of(self.network, frame, foresight)
         rows = Rows.of(evidence.active, frame.first.shape[1])
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
@@ -176,13 +176,8 @@ def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = N
     return checkpoint
 
 
-def evidence_of(network: nn.Module, dynamics: nn.Module, frame: Frame) -> Evidence:
-    """What a frame tells a belief network about every pair."""
-    return evidence_from(network, frame, dynamics.foresee(frame.before, frame.control))
-
-
-def evidence_from(network: nn.Module, frame: Frame, foresight: Foresight) -> Evidence:
-    """The same, given what was foreseen."""
+def evidence_of(network: nn.Module, frame: Frame, foresight: Foresight) -> Evidence:
+    """What a frame tells a belief network about every pair, given what was foreseen."""
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
     evidence = network.evidence(frame, foresight._replace(motion=motion))
     return evidence._replace(active=evidence.active & frame.in_sight)
@@ -214,7 +209,8 @@ def watch_windows(
     told, active = [], []
     for k in range(0, frames, together):
         some = looks[k : k + together]
-        evidence = evidence_of(network, dynamics, concatenate(some))
+        frame = concatenate(some)
+        evidence = evidence_of(network, frame, dynamics.foresee(frame.before, frame.control))
         told.append(evidence.features.unflatten(0, (len(some), batch)))
         active.append(evidence.active.unflatten(0, (len(some), batch)))
     active = torch.cat(active)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.mass_evidence import Linearized, Rows, linearize, moving
-from pushgraph.graph.scene_batch import Batch, Relations, SceneBatch, concatenate, map_tensors
+from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, double, map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.watching import Frame, View
 from pushgraph.mass_chains import MassChains
@@ -73,6 +73,18 @@ class Kept(NamedTuple):
     worth: Float[Tensor, " places"]
 
 
+class Surprises(NamedTuple):
+    """How far bodies were from where they were expected (turns at LEVER, m; NaN where not seen).
+
+    variance: of that (m^2). tracked: variance of what was expected, as tracking has it. observed: of what was seen.
+    """
+
+    surprise: Float[Tensor, "batch bodies 3"]
+    variance: Float[Tensor, "batch bodies 3"]
+    tracked: Float[Tensor, "batch bodies 3"]
+    observed: Float[Tensor, "batch bodies 3"]
+
+
 class Looked(NamedTuple):
     """Frames that were looked at, for the first time or again: all that their evidence is made from.
 
@@ -89,11 +101,19 @@ class Looked(NamedTuple):
     step: Float[Tensor, " rows"]
     camera: Float[Tensor, "rows 2"]
 
-    def surprises(self, network: MassNoise) -> "Surprises":
+    def surprises(self, network: MassNoise) -> Surprises:
         """How far bodies were from where they were expected."""
-        return surprises(network, self.linearized, self.tracked, self.seen.poses, self.step, self.camera)
+        tracked, linearized, camera = self.tracked, self.linearized, self.camera
+        off = self.seen.poses - tracked.poses - linearized.motion
+        surprise = torch.cat((off[..., :2], wrap_angle(off[..., 2:]) * LEVER), -1)
+        noise = network.noise(self.step, linearized, tracked.variance[..., 0], camera)[..., [0, 0, 1]]
+        observed = (camera.square()[:, None, [0, 0, 1]] + MEASURED).expand_as(surprise)
+        expected = tracked.variance + TRACKED * usual_noise(self.step, linearized)[..., None]
+        # Where one body is taken to be off, those that it touches are expected off as well.
+        off_together = torch.maximum(tracked.variance, _blur(tracked, linearized.moves)[:, None, None])
+        return Surprises(surprise, off_together + noise + observed, expected, observed)
 
-    def evidence(self, network: MassNoise, off: "Surprises") -> Evidence:
+    def evidence(self, network: MassNoise, off: Surprises) -> Evidence:
         """What the frames tell about masses."""
         moved = network.evidence(self.linearized, off.surprise, off.variance, self.log_mass)
         if self.linearized.felt is None:
@@ -133,7 +153,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     seen = Seen(poses, torch.full_like(nowhere, torch.nan))
     one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
-    return MassMemory(_double(scenes), chains.mean(), tracked, kept, empty, empty, chains, 0)
+    return MassMemory(double(scenes), chains.mean(), tracked, kept, empty, empty, chains, 0)
 
 
 def observe(
@@ -169,7 +189,7 @@ def observe(
     log_mass = memory.log_mass[scene]
     linearized = linearize(
         dynamics,
-        State(memory.scenes, tracked.poses, tracked.motions, _double(relations), frame.before.still),
+        State(memory.scenes, tracked.poses, tracked.motions, double(relations), frame.before.still),
         controls,
         Rows(scene, tracked.poses, tracked.motions, tracked.sensitivity, moves, _blur(tracked, moves).sqrt()),
         log_mass,
@@ -185,7 +205,8 @@ def observe(
     off = looked.surprises(network)
     evidence = map_tensors(Tensor.detach, looked.evidence(network, off))
 
-    newest, looked_again = (map_tensors(lambda values, rows=rows: values[rows], evidence) for rows in _split(batch))
+    newest = map_tensors(lambda values: values[:batch], evidence)
+    looked_again = map_tensors(lambda values: values[batch:], evidence)
     put = map_tensors(lambda values, new: values.index_copy(0, again, new), memory.kept.evidence, looked_again)
     worth = memory.kept.worth.index_copy(0, again, worth_of(looked_again).clamp(min=TELLING))
     kept, settled = _keep(
@@ -217,37 +238,6 @@ def seen_in(view: View, wrench: Float[Tensor, "batch 3"]) -> Seen:
     poses = torch.where((view.seen & scenes.present)[..., None], view.state.poses.double(), torch.nan)
     yaw = torch.where(scenes.yaw_known, poses[..., 2], torch.nan)
     return Seen(torch.cat((poses[..., :2], yaw[..., None]), -1), wrench.double())
-
-
-class Surprises(NamedTuple):
-    """How far bodies were from where they were expected (turns at LEVER, m; NaN where not seen).
-
-    variance: of that (m^2). tracked: variance of what was expected, as tracking has it. observed: of what was seen.
-    """
-
-    surprise: Float[Tensor, "batch bodies 3"]
-    variance: Float[Tensor, "batch bodies 3"]
-    tracked: Float[Tensor, "batch bodies 3"]
-    observed: Float[Tensor, "batch bodies 3"]
-
-
-def surprises(
-    network: MassNoise,
-    linearized: Linearized,
-    tracked: Tracked,
-    seen: Float[Tensor, "batch bodies 3"],
-    step: Float[Tensor, " batch"],
-    camera: Float[Tensor, "batch 2"],
-) -> Surprises:
-    """Of a step. step: how far the tool moves (m). camera: see `camera_of`."""
-    off = seen - tracked.poses - linearized.motion
-    surprise = torch.cat((off[..., :2], wrap_angle(off[..., 2:]) * LEVER), -1)
-    noise = network.noise(step, linearized, tracked.variance[..., 0], camera)[..., [0, 0, 1]]
-    observed = (camera.square()[:, None, [0, 0, 1]] + MEASURED).expand_as(surprise)
-    expected = tracked.variance + TRACKED * usual_noise(step, linearized)[..., None]
-    # Where one body is taken to be off, those that it touches are expected off as well.
-    off_together = torch.maximum(tracked.variance, _blur(tracked, linearized.moves)[:, None, None])
-    return Surprises(surprise, off_together + noise + observed, expected, observed)
 
 
 def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
@@ -288,19 +278,9 @@ def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
 
 
-def _double(batch: Batch) -> Batch:
-    """The same in float64."""
-    return map_tensors(lambda values: values.double() if values.is_floating_point() else values, batch)
-
-
 def _blur(tracked: Tracked, moves: Bool[Tensor, "batch bodies"]) -> Float[Tensor, " batch"]:
     """The greatest variance of the position of a body that takes part (m^2)."""
     return torch.where(moves, tracked.variance[..., 0], 0.0).amax(1)
-
-
-def _split(batch: int) -> tuple[slice, slice]:
-    """Rows of the newest frames, and of those that are looked at again."""
-    return slice(batch), slice(batch, None)
 
 
 def _spread(evidence: Evidence) -> Float[Tensor, "batch variables"]:

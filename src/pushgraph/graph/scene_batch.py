@@ -369,6 +369,11 @@ def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
     return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))
 
 
+def double(batch: Batch) -> Batch:
+    """The same in float64."""
+    return map_tensors(lambda values: values.double() if values.is_floating_point() else values, batch)
+
+
 def tensors_of(batch: tuple) -> Iterator[Tensor]:
     """All tensors of nested batches."""
     for values in batch:

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pushgraph.graph.scene_batch import Relations, SceneBatch, map_tensors, remember
+from pushgraph.graph.scene_batch import Relations, SceneBatch, double, remember
 
 ADJACENT = 0.02
 """Pairs nearer than this (m) are adjacent: they may be joined."""
@@ -35,7 +35,7 @@ class State(NamedTuple):
         """The same in float64."""
         if self.poses.dtype == self.scenes.mass.dtype == torch.float64:
             return self
-        return map_tensors(lambda values: values.double() if values.is_floating_point() else values, self)
+        return double(self)
 
     def observe(self, poses: Float[Tensor, "batch bodies 3"], frames: Float[Tensor, " batch"] | float = 1.0) -> "State":
         """The state after so many frames more, bodies being at `poses`."""
@@ -66,7 +66,7 @@ class Control(NamedTuple):
         """The same in float64."""
         if self.pose.dtype == torch.float64:
             return self
-        return map_tensors(lambda values: values.double() if values.is_floating_point() else values, self)
+        return double(self)
 
 
 def start(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"]) -> State:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pushgraph.graph.mass_evidence import SENSED, Felt, Linearized
+from pushgraph.simulation.force_sensor import FORCE_NOISE, MOMENT_NOISE
 
 FEATURES = (
     *("step", "motion", "greatest_motion", "curvature", "sensitivity", "own_sensitivity"),
@@ -22,8 +23,6 @@ FLOOR, OF_STEP, OF_MOTION = 3e-4, 0.1, 0.05
 """The noise from which the network starts: this much (m), and shares of the tool's step and of the body's motion."""
 WIDEST = 6.0
 """The network changes the logarithm of a variance by at most this."""
-FORCE, MOMENT = 0.3, 0.01
-"""Noise of a force sensor (N, N m)."""
 OF_WRENCH, OF_DOUBT = 0.02, 1.0
 """Noise of a predicted force before training, as shares of it and of what is doubtful of it."""
 WRENCH_LEVER = 0.05
@@ -31,7 +30,7 @@ WRENCH_LEVER = 0.05
 CONSTANTS = {
     "unit": UNIT,
     "floor": [FLOOR, OF_STEP, OF_MOTION],
-    "wrench": [FORCE, MOMENT, OF_WRENCH, OF_DOUBT, WRENCH_LEVER],
+    "wrench": [FORCE_NOISE, MOMENT_NOISE, OF_WRENCH, OF_DOUBT, WRENCH_LEVER],
 }
 
 
@@ -135,7 +134,7 @@ class MassNoise(nn.Module):
         force, doubtful = of_wrench * felt.wrench[..., :2].norm(dim=-1), of_doubt * felt.doubt
         model = force.square() + doubtful.square()
         levers = wrench.new_tensor([1.0, 1.0, WRENCH_LEVER])
-        sensor = wrench.new_tensor([FORCE, FORCE, MOMENT])
+        sensor = wrench.new_tensor([FORCE_NOISE, FORCE_NOISE, MOMENT_NOISE])
         variance = model[..., None] * levers.square() + sensor.square() + felt.curvature
         # Forces that contradict what is believed go on to pull, however strongly: all too sure beliefs must give way.
         scaled = (off.square() / variance).sum(-1, keepdim=True) / self.log_freedom.exp()

@@ -18,13 +18,12 @@ from pushgraph.mass_memory import PRIOR_SPREAD, Looked, begin, observe
 from pushgraph.mass_prior import MASS_CLASSES
 from pushgraph.network.compiled.in_reach import bodies_in_reach
 from pushgraph.network.mass_noise import Evidence, MassNoise
+from pushgraph.simulation.force_sensor import FORCE_NOISE, MOMENT_NOISE
 from pushgraph.training.examples import mirror, mirror_scenes
 from pushgraph.training.watching import BLIND, CLEAN, NOISE
 
 MEASURED = 0.5
 """Share of tracks in which forces are measured."""
-SENSOR = (0.3, 0.3, 0.01)
-"""Standard deviations of a force sensor (N, N, N m)."""
 SHORTEST = 0.3
 """Tracks are watched from this share of their frames up to all of them."""
 PRIOR_MEAN = 0.4
@@ -60,7 +59,8 @@ def weighed(sequences: SequenceBatch, generator: torch.Generator) -> Weighed:
     size = (torch.rand(batch, generator=generator) * ~share(CLEAN))[:, None, None, None]
     bodies = poses[:, :, 1:]
     noise = torch.randn(bodies.shape, generator=generator) * bodies.new_tensor([NOISE[0], *NOISE])
-    wrench = wrench + torch.randn(wrench.shape, generator=generator) * wrench.new_tensor(SENSOR)
+    sensor = wrench.new_tensor([FORCE_NOISE, FORCE_NOISE, MOMENT_NOISE])
+    wrench = wrench + torch.randn(wrench.shape, generator=generator) * sensor
     wrench = torch.where(share(MEASURED)[:, None, None], wrench, torch.nan)
     true = torch.cat((scenes.mass, scenes.table_friction[:, None]), 1).double().log()
     scenes = scenes._replace(
