@@ -53,6 +53,7 @@ ORDER = [
     "mass_history",
     "regulator",
     "belief_history",
+    "planning",
     "training",
     "evaluation",
     "viewer",

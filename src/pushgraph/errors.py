@@ -49,6 +49,10 @@ class EvaluationError(PushGraphError):
     """An evaluation cannot be run as asked."""
 
 
+class PlanningError(PushGraphError):
+    """A goal, a tool or a plan is not possible."""
+
+
 class BeliefError(PushGraphError):
     """What was observed cannot be, or cannot be learnt from."""
 

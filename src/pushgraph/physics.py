@@ -5,7 +5,7 @@ import functools
 import os
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -22,6 +22,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
 from pushgraph.graph.track_features import default_doubt, doubt_of
+from pushgraph.network.alike import OnceWhileAlike
 from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
@@ -199,17 +200,20 @@ class PhysicsPredictor:
         force_limit: Float[Tensor, "batch frames"] | None = None,
         spread: bool = False,
         doubt: Float[Tensor, "batch pairs"] | None = None,
+        alike: Sequence[Hashable] | None = None,
     ) -> Rollout:
         """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses.
 
         spread: whether to state how far off that may be. doubt: probability of every pair that what `states` take for
         its joint is wrong, see `pushgraph.graph.track_features.doubt_of`; none by default, but about unknown pairs.
+        alike: scenes for which it is equal start alike: see `pushgraph.network.alike`.
         Raises CheckpointError if the checkpoint of spreads is of other weights.
         """
         if doubt is not None and not spread:
             raise PredictionError("doubt: widens the spread alone, so it needs spread=True")
         model = self.spread_model if spread else None
-        predicted = rollout(self.dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
+        dynamics = self.dynamics if alike is None else OnceWhileAlike(self.dynamics, alike)
+        predicted = rollout(dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
         if model is None:
             return predicted
         return predicted._replace(spread=model.spread(states, predicted.poses, predicted.tool, down, doubt))
@@ -242,11 +246,13 @@ class PhysicsPredictor:
         longest_step: float | None = None,
         spread: bool = False,
         beliefs: Sequence[Beliefs] | None = None,
+        share: bool = False,
     ) -> list[Track]:
         """Predict many scenes side by side; with `frames`, only so many frames of each.
 
         frames_per_step, longest_step: how many frames and how much of the tool's way (m) a step may cover, see
-        `pushgraph.graph.steps`. spread, beliefs: see `predict`; one for each scene.
+        `pushgraph.graph.steps`. spread, beliefs: see `predict`; one for each scene. share: whether scenes that start
+        alike are predicted once as long as their tools move alike, too: plans that begin with the same pushes.
 
         Warns, once, of what is unlike the scenes that the predictor was checked on.
         Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
@@ -272,6 +278,7 @@ class PhysicsPredictor:
                 torch.from_numpy(limits),
                 spread,
                 None if beliefs is None else _doubt(states, scenes, beliefs),
+                [scene.model_copy(update={"pushes": ()}) for scene in scenes] if share else None,
             )
         self._check_finite(predicted.poses, tool)
         stated = None if predicted.spread is None else predicted.spread.numpy()

@@ -111,6 +111,8 @@ class Scene(Record):
     """Pairs that may be joined or not; "unlisted": all that `joints` and `rigid_groups` do not list."""
     mass_classes: tuple[MassClass, ...] | None = None
     """What bodies of unknown mass may weigh; None: MASS_CLASSES."""
+    clearance: Annotated[float, Field(ge=0, le=1)] | None = None
+    """How far from every body planned pushes come down (m); None: as the planner does by default."""
 
     @model_validator(mode="after")
     def _consistent(self, info: Any) -> "Scene":

@@ -100,6 +100,18 @@ class Push(Record):
                 raise ValueError(f"times[{index}]: must rise, got {after:g} s after {before:g} s")
         return self
 
+    def until(self, seconds: float) -> "Push":
+        """The same push, ended so long after its start (s), without a rest; only where `times` say when it is where."""
+        if self.times is None or self.path is None:
+            raise ValueError("until: needs a push with times")
+        if seconds >= self.times[-1]:
+            return self
+        waypoints = self.waypoints
+        times = np.array([0.0, *self.times])
+        end = tuple(float(np.interp(seconds, times, column)) for column in waypoints.T)
+        before = int(np.searchsorted(times, seconds)) - 1
+        return self.replace(path=(*self.path[:before], end), times=(*self.times[:before], seconds))
+
     def moved(self, pose_new_from_world: Float[np.ndarray, "3"]) -> "Push":
         """Return the same push, seen from another world frame."""
 

@@ -53,6 +53,10 @@ class Relations(NamedTuple):
     axis: Float[Tensor, "batch pairs 2"]
     limits: Float[Tensor, "batch pairs 2"]
 
+    def take(self, index: Int[Tensor, " scenes"]) -> "Relations":
+        """Those of some scenes, in the order of `index`."""
+        return map_tensors(lambda values: values[index], self)
+
 
 class SceneBatch(NamedTuple):
     """Scenes side by side, padded to the most bodies and tool parts among them.

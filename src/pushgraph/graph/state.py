@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pushgraph.graph.scene_batch import Relations, SceneBatch, double, remember
+from pushgraph.graph.scene_batch import Relations, SceneBatch, double, map_tensors, remember
 
 ADJACENT = 0.02
 """Pairs nearer than this (m) are adjacent: they may be joined."""
@@ -36,6 +36,10 @@ class State(NamedTuple):
         if self.poses.dtype == self.scenes.mass.dtype == torch.float64:
             return self
         return double(self)
+
+    def take(self, index: Int[Tensor, " scenes"]) -> "State":
+        """Some of the scenes, in the order of `index`."""
+        return map_tensors(lambda values: values[index], self)
 
     def observe(self, poses: Float[Tensor, "batch bodies 3"], frames: Float[Tensor, " batch"] | float = 1.0) -> "State":
         """The state after so many frames more, bodies being at `poses`."""
@@ -67,6 +71,10 @@ class Control(NamedTuple):
         if self.pose.dtype == torch.float64:
             return self
         return double(self)
+
+    def take(self, index: Int[Tensor, " scenes"]) -> "Control":
+        """Those of some scenes, in the order of `index`."""
+        return map_tensors(lambda values: values[index], self)
 
 
 def start(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"]) -> State:

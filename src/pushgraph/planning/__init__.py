@@ -1,0 +1,1 @@
+"""Choose tools and pushes that bring objects to goals, over any dynamics and any cost."""
