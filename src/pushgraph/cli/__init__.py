@@ -6,7 +6,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, evaluating_masses, recordings, scenes, training
+from pushgraph.cli import data, evaluating, evaluating_masses, evaluating_plans, planning, recordings, scenes, training
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -21,11 +21,12 @@ for command in (
     recordings.observe,
     recordings.track,
     scenes.simulate,
+    planning.plan,
     data.generate,
 ):
     app.command()(command)
 app.add_typer(training.app, name="train")
-for name, measure in evaluating_masses.COMMANDS.items():
+for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS).items():
     evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 

@@ -3,18 +3,15 @@
 The pusher does not yield, so only ratios of masses matter.
 """
 
-import hashlib
-import importlib.metadata
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pushgraph import simulation
 from pushgraph.dataset.engines import run_in_processes
+from pushgraph.evaluation.simulation_key import simulation_key
 from pushgraph.mass_prior import MassClass, draw_masses
 from pushgraph.scene import Scene
 from pushgraph.simulation.masses import weighing
@@ -117,7 +114,8 @@ def simulated_table(
     progress: told how many simulations of how many are done.
     """
     classes, dimensions = scene.classes_of_mass, len(scene.bodies) - 1
-    path = cache_folder() / "mass_ratios" / f"{_digest(scene)}-{cells}.npy"
+    key = simulation_key(weighing(scene, [1.0] * len(scene.bodies)).to_json(), repr(classes))
+    path = cache_folder() / "mass_ratios" / f"{key}-{cells}.npy"
     if path.is_file():
         lowest, spacing, _ = grid_of(classes, cells)
         return RatioTable(lowest, spacing, np.load(path), reached_cells(classes, dimensions, cells))
@@ -145,13 +143,3 @@ def _simulate_ratios(task: tuple[Scene, tuple[tuple[float, ...], ...]]) -> Float
 
 def _chunks(points: list) -> list[list]:
     return [points[k : k + TOGETHER] for k in range(0, len(points), TOGETHER)]
-
-
-def _digest(scene: Scene) -> str:
-    """Of all that the table depends on: the scene but for its masses, the simulation, and what it stands on."""
-    digest = hashlib.sha256(weighing(scene, [1.0] * len(scene.bodies)).to_json().encode())
-    digest.update(repr([importlib.metadata.version(name) for name in ("mujoco", "numpy")]).encode())
-    for path in sorted(Path(simulation.__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    digest.update(repr(scene.classes_of_mass).encode())
-    return digest.hexdigest()[:16]

@@ -52,8 +52,8 @@ def apart_cost(scene: Scene, bodies: Sequence[str], gap: float) -> Cost:
     def cost(poses: Float[Tensor, "*plans frames bodies 3"]) -> Float[Tensor, "*plans frames"]:
         placed = pose.compose(poses[..., indices, :][..., parts.owner, :], parts.pose_body_from_part)
         between = pose.relative(placed[..., first, :], placed[..., second, :])
-        boxes = (take(parts.boxes, index.expand(between.shape[:-1])) for index in (first, second))
-        of_parts = signed_gap(*boxes, between).split([len(pair) for pair in pairs], -1)
+        boxes_a, boxes_b = (take(parts.boxes, index.expand(between.shape[:-1])) for index in (first, second))
+        of_parts = signed_gap(boxes_a, boxes_b, between).split([len(pair) for pair in pairs], -1)
         gaps = torch.stack([of_pair.amin(-1) for of_pair in of_parts], -1)
         return (gap - gaps).clamp(min=0).sum(-1)
 

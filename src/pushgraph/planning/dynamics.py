@@ -17,7 +17,10 @@ Dynamics = Callable[[Sequence[Scene]], Sequence[Track]]
 
 
 def learned(predictor: PhysicsPredictor, spread: bool = False) -> Dynamics:
-    """Predict all plans side by side, those that begin alike once. spread: whether tracks say how far off they may be."""
+    """Predict all plans side by side, those that begin alike once.
+
+    spread: whether tracks say how far off they may be.
+    """
     return lambda scenes: predictor.predict_many(scenes, spread=spread, share=True)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from pushgraph.errors import PlanningError
 from pushgraph.planning.admissible import Reach, admitted
 from pushgraph.planning.costs import Cost
 from pushgraph.planning.dynamics import Dynamics, body_poses
@@ -25,7 +26,8 @@ def plan_exhaustively(
 ) -> Plan:
     """The tool and the push for which the cost is least, of all that may be tried; the plan ends in the best frame.
 
-    pushes: the same for every tool, with `times`, so that they can end in any frame; see `pushgraph.planning.sequences`.
+    pushes: the same for every tool, with `times`, so that they can end in any frame; see
+    `pushgraph.planning.sequences`.
     Raises PlanningError if none may be tried: see `pushgraph.planning.admissible`.
     """
     candidates = Candidates.of(scene, tools, pushes, reach)
@@ -47,6 +49,16 @@ class Candidates:
         plans = [scene.model_copy(update={"tool": tool.tool, "pushes": (push,)}) for tool in tools for push in pushes]
         left = admitted(plans, reach)
         return cls([names[k] for k in left], [plans[k] for k in left])
+
+    def of_tool(self, tool: str, tracks: Sequence[Track]) -> tuple["Candidates", Sequence[Track]]:
+        """Those with one of the tools, and their tracks; raises PlanningError if there are none."""
+        of_it = [k for k, name in enumerate(self.tools) if name == tool]
+        if not of_it:
+            raise PlanningError(
+                f"no plan with tool {tool!r} may be tried; left: {', '.join(dict.fromkeys(self.tools))}"
+            )
+        chosen = Candidates([tool] * len(of_it), [self.plans[k] for k in of_it])
+        return chosen, [tracks[k] for k in of_it]
 
     def best(self, tracks: Sequence[Track], cost: Cost) -> Plan:
         """The plan whose track comes to the least cost in any of its frames, ended there."""

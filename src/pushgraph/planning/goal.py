@@ -36,7 +36,7 @@ class Goal(Record):
             raise PlanningError(f"goal: body {self.body!r} is fixed: nothing moves it")
         if self.body in self.keep:
             raise PlanningError(f"goal: body {self.body!r} shall both move and stay")
-        if not scene.table.holds(np.array(self.position)):
+        if not scene.table.holds(np.array([self.position])).all():
             x, y = scene.table.size
             raise PlanningError(
                 f"goal: ({self.position[0]:g}, {self.position[1]:g}) is off the table of {x:g} x {y:g} m"

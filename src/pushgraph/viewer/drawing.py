@@ -39,7 +39,7 @@ class SceneArtist:
         ]
         self._joints = [_JointArtist(axes, scene, joint) for joint in scene.joints]
         self._tool = [
-            (np.asarray(part.pose_tool_from_part, dtype=float), _Movable(axes, outline(part.shape, fc=TOOL_COLOUR)))
+            (np.array(part.pose_tool_from_part), MovableArtist(axes, outline(part.shape, fc=TOOL_COLOUR)))
             for part in scene.tool.parts
         ]
 
@@ -54,12 +54,15 @@ class SceneArtist:
             patch.artist.set_alpha(0.85 if down else 0.15)
 
 
-class _Movable:
+class MovableArtist:
+    """Something that is drawn at the origin, and moved from there."""
+
     def __init__(self, axes: Axes, artist: Patch | Line2D) -> None:
         self._axes, self.artist = axes, artist
         axes.add_artist(artist)
 
     def move(self, pose_world: Float[np.ndarray, "3"]) -> None:
+        """Show it there; hide it where the position is not known."""
         x, y, yaw = np.nan_to_num(pose_world)
         self.artist.set_visible(bool(np.isfinite(pose_world[:2]).all()))
         self.artist.set_transform(Affine2D().rotate(yaw).translate(x, y) + self._axes.transData)
@@ -70,7 +73,7 @@ class _BodyArtist:
 
     def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: object) -> None:
         heading = Line2D([0, max(0.0, _front(shape))], [0, 0], color="black", lw=0.8, alpha=0.5)
-        self._parts = [_Movable(axes, outline(shape, **style)), _Movable(axes, heading)]
+        self._parts = [MovableArtist(axes, outline(shape, **style)), MovableArtist(axes, heading)]
         self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
 
     def move(self, pose_world_from_body: Float[np.ndarray, "3"]) -> None:
@@ -113,7 +116,7 @@ def outline(shape: Cylinder | Cuboid | Polygon, **style: object) -> Patch:
 def draw_outlines(axes: Axes, track: Track) -> None:
     """Dashed outlines of the bodies where a track ends."""
     for body, pose_world_from_body in zip(track.scene.bodies, track.poses[-1, 1:], strict=True):
-        patch = _Movable(axes, outline(body.shape, fc="none", ls="--", lw=1.2, zorder=4))
+        patch = MovableArtist(axes, outline(body.shape, fc="none", ls="--", lw=1.2, zorder=4))
         patch.move(pose_world_from_body)
 
 

@@ -55,6 +55,13 @@ def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> Non
     and 95 %, as far as a track states that.
     """
     figure = Figure(figsize=(5.5 * (1 + len(tracks)), 6), layout="constrained")
+    draw_ends(figure, tracks)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=100)
+
+
+def draw_ends(figure: Figure, tracks: Mapping[str, Track]) -> list[Axes]:
+    """Draw what `save_comparison` writes; returns the panels."""
     before, *after = figure.subplots(1, 1 + len(tracks))
     limits = view_limits(list(tracks.values()))
     first = next(iter(tracks.values()))
@@ -68,8 +75,7 @@ def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> Non
         draw_spread(axes, track)
         if track is not first:
             draw_outlines(axes, first)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=100)
+    return [before, *after]
 
 
 def _draw_pushes(axes: Axes, track: Track) -> None:
