@@ -1,7 +1,9 @@
 """Draw the joints of a scene between neighbours that stand close enough to be joined."""
 
 import math
+from collections.abc import Sequence
 from itertools import product
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Int
@@ -11,7 +13,8 @@ from pushgraph.body import Joint
 from pushgraph.scene import Scene
 from pushgraph.simulation.placement import NEIGHBOUR_GAP
 
-DYNAMICS = ("fixed", "revolute", "prismatic")
+JointKind = Literal["fixed", "revolute", "prismatic"]
+DYNAMICS: tuple[JointKind, ...] = ("fixed", "revolute", "prismatic")
 JOINTS = (2, 6)
 """Fewest and most joints of a scene, as far as its neighbours allow."""
 MOVES = {"revolute": 0.05, "prismatic": 0.05}
@@ -21,11 +24,17 @@ STEPS = 24
 """Places in which a joint's free range is looked for, to either side."""
 
 
-def draw_joints(rng: np.random.Generator, scene: Scene, farthest: float = NEIGHBOUR_GAP[1]) -> tuple[Joint, ...]:
+def draw_joints(
+    rng: np.random.Generator,
+    scene: Scene,
+    farthest: float = NEIGHBOUR_GAP[1],
+    kinds: Sequence[JointKind] = DYNAMICS,
+    bounds: tuple[int, int] = JOINTS,
+) -> tuple[Joint, ...]:
     """Joints of equally likely kinds between random neighbours, so that they close no loop with those of the scene.
 
     Neighbours stand `farthest` (m) apart at most. Which of them are joined does not depend on their gap: geometry
-    tells nothing about joints.
+    tells nothing about joints. bounds: fewest and most, as far as the neighbours allow.
     """
     pairs = _neighbours(scene, farthest)
     tree = list(range(len(scene.bodies)))
@@ -40,10 +49,10 @@ def draw_joints(rng: np.random.Generator, scene: Scene, farthest: float = NEIGHB
         if old != new:
             tree = [new if root == old else root for root in tree]
             forest.append((first, second))
-    fewest, most = (min(bound, len(forest)) for bound in JOINTS)
+    fewest, most = (min(bound, len(forest)) for bound in bounds)
     count = int(rng.integers(fewest, most + 1))
     return tuple(
-        Joint(kind=DYNAMICS[rng.integers(len(DYNAMICS))], parent=scene.names[first], child=scene.names[second])
+        Joint(kind=kinds[rng.integers(len(kinds))], parent=scene.names[first], child=scene.names[second])
         for first, second in forest[:count]
     )
 

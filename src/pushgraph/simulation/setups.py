@@ -13,6 +13,9 @@ from pushgraph.simulation.aiming import NoPush, PushStyle, aim
 from pushgraph.simulation.anywhere import PUSH_DISTANCE, PUSH_SPEED, draw_paper_shape, joints_anywhere
 from pushgraph.simulation.articulation import JOINTS, draw_joints
 from pushgraph.simulation.block import Block, arrange
+from pushgraph.simulation.glued_cylinders import FEWEST as FEWEST_GLUED
+from pushgraph.simulation.glued_cylinders import MOST as MOST_GLUED
+from pushgraph.simulation.glued_cylinders import glued_cylinders
 from pushgraph.simulation.kinds import KINDS
 from pushgraph.simulation.masses import CONTROLLED_OBJECTS, controlled_masses, different_masses
 from pushgraph.simulation.placement import NoRoom
@@ -101,9 +104,10 @@ SETUPS: dict[str, Setup] = {
     "different-masses": different_masses,
     "different-masses-mixed": different_masses_mixed,
     "controlled-masses": controlled_masses,
+    "camera": glued_cylinders,
 }
-OBJECTS = {"controlled-masses": CONTROLLED_OBJECTS}
-"""Numbers of objects of the setups that do not draw any."""
+OBJECTS = {"controlled-masses": CONTROLLED_OBJECTS, "camera": tuple(range(FEWEST_GLUED, MOST_GLUED + 1))}
+"""Numbers of objects of the setups that are not of any."""
 
 
 def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajectory:
