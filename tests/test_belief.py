@@ -223,7 +223,7 @@ def test_known_pairs_strangers_and_chains_complete_the_probabilities() -> None:
     chosen = torch.zeros(1, 6, dtype=torch.bool)
     chosen[0, pair_index(1, 2, 4)] = True
     answers = torch.tensor([[0.1, 0.8, 0.06, 0.04]])
-    done = complete(batch, answers, Rows.of(chosen, 4))[0]
+    done = complete(batch, answers, Rows.of(chosen, 4), torch.ones(4, dtype=torch.bool))[0]
     pair = {
         names: done[pair_index(*("abcd".index(name) for name in names), 4)] for names in ("ab", "ac", "ad", "bc", "cd")
     }

@@ -49,11 +49,18 @@ class Watch(NamedTuple):
 class BeliefModel:
     """A trained belief network with the frozen physics network that it stands on.
 
-    record: how it was trained.
+    record: how it was trained. kinds: the joints that unknown pairs may have.
     """
 
-    def __init__(self, network: nn.Module, dynamics: nn.Module, record: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        network: nn.Module,
+        dynamics: nn.Module,
+        record: Mapping[str, Any] | None = None,
+        kinds: Sequence[str] = tuple(JOINT_CODES),
+    ) -> None:
         self.network, self.dynamics, self.record = network, dynamics, dict(record or {})
+        self.kinds = tuple(kinds)
 
     @classmethod
     def load(
@@ -76,6 +83,18 @@ class BeliefModel:
             )
         networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
         return cls(*networks, checkpoint.record)
+
+    def restricted(self, kinds: Sequence[str]) -> "BeliefModel":
+        """The same, of scenes where unknown pairs have joints of these kinds only: the others have no probability.
+
+        Raises BeliefError if there is no such kind, or "none" is not among them, or alone.
+        """
+        for kind in kinds:
+            if kind not in JOINT_CODES:
+                raise BeliefError(f"no joint {kind!r}; valid: {', '.join(JOINT_CODES)}")
+        if "none" not in kinds or len(set(kinds)) < 2:
+            raise BeliefError(f"kinds of joints: must hold none and another; got {', '.join(kinds) or 'nothing'}")
+        return BeliefModel(self.network, self.dynamics, self.record, tuple(kinds))
 
     @torch.inference_mode()
     def begin(
@@ -161,8 +180,10 @@ class BeliefModel:
         bodies = watch.view.first.shape[1]
         rows = Rows.of(watch.begun, bodies)
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
-        answers = self.network.answer(memory, rows).softmax(-1)
-        return complete(watch.view.state.scenes, answers, rows)
+        answers = self.network.answer(memory, rows)
+        possible = torch.tensor([kind in self.kinds for kind in JOINT_CODES], device=answers.device)
+        answers = answers.masked_fill(~possible, -math.inf).softmax(-1)
+        return complete(watch.view.state.scenes, answers, rows, possible)
 
 
 def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = None) -> Checkpoint:
@@ -228,15 +249,16 @@ def watch_windows(
 
 
 def complete(
-    scenes: SceneBatch, answers: Float[Tensor, "rows joints"], rows: Rows
+    scenes: SceneBatch, answers: Float[Tensor, "rows joints"], rows: Rows, possible: Bool[Tensor, " joints"]
 ) -> Float[Tensor, "batch pairs joints"]:
     """Probabilities of all pairs: those that were answered, those that are known, and strangers.
 
-    A stranger is fixed if a chain of fixed pairs joins it: as likely as the likeliest chain.
+    A stranger is fixed if a chain of fixed pairs joins it: as likely as the likeliest chain. possible: joints that
+    unknown pairs may have.
     """
     relations, bodies = scenes.relations, scenes.mass.shape[1]
     fixed = JOINT_CODES["fixed"]
-    stranger = answers.new_full((len(JOINT_CODES),), (1 - STRANGERS) / (len(JOINT_CODES) - 1))
+    stranger = possible.to(answers.dtype) * ((1 - STRANGERS) / (int(possible.sum()) - 1))
     stranger[JOINT_CODES["none"]] = STRANGERS
     probabilities = stranger.expand(*relations.kind.shape, -1)
     if relations.known.any():

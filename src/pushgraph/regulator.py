@@ -42,11 +42,17 @@ class BeliefRegulator:
 
     Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
     it knows to be apart) hold. Masses are learnt where the scene does not tell them, or of all bodies if `weigh` says
-    so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them.
+    so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them. kinds: of joints that
+    unknown pairs may have, such as ("none", "fixed") of bodies that can only be glued; all by default.
     """
 
     def __init__(
-        self, scene: Scene, model: BeliefModel | str = "belief", given: bool = False, weigh: bool = False
+        self,
+        scene: Scene,
+        model: BeliefModel | str = "belief",
+        given: bool = False,
+        weigh: bool = False,
+        kinds: Sequence[str] | None = None,
     ) -> None:
         polygons = [body.name for body in scene.bodies if isinstance(body.shape, Polygon)]
         if polygons:
@@ -56,6 +62,8 @@ class BeliefRegulator:
             )
         self.original = scene
         self.model = model if isinstance(model, BeliefModel) else BeliefModel.load(model)
+        if kinds is not None:
+            self.model = self.model.restricted(kinds)
         self.pairs: list[tuple[str, str]] = list(combinations(scene.names, 2))
         """Names of the pairs, in the order of the probabilities."""
         self.frames = 0
