@@ -27,6 +27,8 @@ from pushgraph.network.dynamics import Foresight
 
 CHUNK = 256
 """Scene-frames whose evidence is computed together."""
+TRAINING_PRIOR = {"none": 0.54, "fixed": 0.14, "prismatic": 0.15, "revolute": 0.17}
+"""Shares of the joints of neighbours in the training data, the setup `jointed`."""
 STRANGERS = 0.999
 """Joints join neighbours: probability that a pair which was never adjacent is not joined, unless by a fixed chain."""
 
@@ -49,7 +51,7 @@ class Watch(NamedTuple):
 class BeliefModel:
     """A trained belief network with the frozen physics network that it stands on.
 
-    record: how it was trained. kinds: the joints that unknown pairs may have.
+    record: how it was trained. prior: how likely each joint is of a pair of neighbours before anything is seen.
     """
 
     def __init__(
@@ -57,10 +59,10 @@ class BeliefModel:
         network: nn.Module,
         dynamics: nn.Module,
         record: Mapping[str, Any] | None = None,
-        kinds: Sequence[str] = tuple(JOINT_CODES),
+        prior: Mapping[str, float] = TRAINING_PRIOR,
     ) -> None:
         self.network, self.dynamics, self.record = network, dynamics, dict(record or {})
-        self.kinds = tuple(kinds)
+        self.prior = dict(prior)
 
     @classmethod
     def load(
@@ -84,17 +86,21 @@ class BeliefModel:
         networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
         return cls(*networks, checkpoint.record)
 
-    def restricted(self, kinds: Sequence[str]) -> "BeliefModel":
-        """The same, of scenes where unknown pairs have joints of these kinds only: the others have no probability.
+    def expecting(self, prior: Mapping[str, float]) -> "BeliefModel":
+        """The same, where neighbours have other joints than in the training data.
 
-        Raises BeliefError if there is no such kind, or "none" is not among them, or alone.
+        prior: how likely each joint is of a pair of neighbours before anything is seen, up to a common factor; those
+        not named cannot be. Raises BeliefError if there is no such joint, or it is no prior.
         """
-        for kind in kinds:
+        for kind, share in prior.items():
             if kind not in JOINT_CODES:
-                raise BeliefError(f"no joint {kind!r}; valid: {', '.join(JOINT_CODES)}")
-        if "none" not in kinds or len(set(kinds)) < 2:
-            raise BeliefError(f"kinds of joints: must hold none and another; got {', '.join(kinds) or 'nothing'}")
-        return BeliefModel(self.network, self.dynamics, self.record, tuple(kinds))
+                raise BeliefError(f"prior: no joint {kind!r}; valid: {', '.join(JOINT_CODES)}")
+            if not (math.isfinite(share) and share >= 0):
+                raise BeliefError(f"prior: {kind}: must be a number from 0 on, got {share}")
+        possible = [kind for kind, share in prior.items() if share > 0]
+        if "none" not in possible or len(possible) < 2:
+            raise BeliefError(f"prior: none and another joint must be possible; got {', '.join(possible) or 'nothing'}")
+        return BeliefModel(self.network, self.dynamics, self.record, prior)
 
     @torch.inference_mode()
     def begin(
@@ -181,9 +187,9 @@ class BeliefModel:
         rows = Rows.of(watch.begun, bodies)
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         answers = self.network.answer(memory, rows)
-        possible = torch.tensor([kind in self.kinds for kind in JOINT_CODES], device=answers.device)
-        answers = answers.masked_fill(~possible, -math.inf).softmax(-1)
-        return complete(watch.view.state.scenes, answers, rows, possible)
+        shares = [self.prior.get(kind, 0.0) / TRAINING_PRIOR[kind] for kind in JOINT_CODES]
+        weights = answers.new_tensor(shares)
+        return complete(watch.view.state.scenes, (answers + weights.log()).softmax(-1), rows, weights > 0)
 
 
 def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = None) -> Checkpoint:

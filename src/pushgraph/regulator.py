@@ -1,7 +1,7 @@
 """Watch one scene frame by frame, and say what is joined to what, and what weighs how much."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -42,8 +42,9 @@ class BeliefRegulator:
 
     Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
     it knows to be apart) hold. Masses are learnt where the scene does not tell them, or of all bodies if `weigh` says
-    so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them. kinds: of joints that
-    unknown pairs may have, such as ("none", "fixed") of bodies that can only be glued; all by default.
+    so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them. prior: how likely
+    each joint is of a pair of neighbours beforehand, those not named cannot be: {"none": 1, "fixed": 1} where parts are
+    glued or not; by default as in the training data.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class BeliefRegulator:
         model: BeliefModel | str = "belief",
         given: bool = False,
         weigh: bool = False,
-        kinds: Sequence[str] | None = None,
+        prior: Mapping[str, float] | None = None,
     ) -> None:
         polygons = [body.name for body in scene.bodies if isinstance(body.shape, Polygon)]
         if polygons:
@@ -62,8 +63,8 @@ class BeliefRegulator:
             )
         self.original = scene
         self.model = model if isinstance(model, BeliefModel) else BeliefModel.load(model)
-        if kinds is not None:
-            self.model = self.model.restricted(kinds)
+        if prior is not None:
+            self.model = self.model.expecting(prior)
         self.pairs: list[tuple[str, str]] = list(combinations(scene.names, 2))
         """Names of the pairs, in the order of the probabilities."""
         self.frames = 0

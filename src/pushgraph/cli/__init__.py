@@ -6,7 +6,18 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, evaluating_masses, evaluating_plans, planning, recordings, scenes, training
+from pushgraph.cli import (
+    data,
+    evaluating,
+    evaluating_masses,
+    evaluating_plans,
+    evaluating_recordings,
+    filming,
+    planning,
+    recordings,
+    scenes,
+    training,
+)
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -21,12 +32,15 @@ for command in (
     recordings.observe,
     recordings.track,
     scenes.simulate,
+    filming.film,
     planning.plan,
     data.generate,
 ):
     app.command()(command)
 app.add_typer(training.app, name="train")
-for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS).items():
+for name, measure in (
+    evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_recordings.COMMANDS
+).items():
     evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 

@@ -46,6 +46,13 @@ def observe(
     masses: Annotated[
         str, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
     ] = "given",
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            help="How likely joints of neighbours are beforehand, such as 'none=2 fixed=1'; those not named cannot be.",
+            show_default="as in the training data",
+        ),
+    ] = None,
     model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",
     physics: Annotated[
         Path | None, typer.Option(help="Checkpoint that the belief stands on.", show_default="the shipped one")
@@ -72,6 +79,8 @@ def observe(
     `pushgraph observe scene.json take.csv --units "mm deg" --axes mirrored --name Take:RB1=cup`
 
     `pushgraph observe scene.json track.csv --masses unknown`
+
+    `pushgraph observe scene.json track.csv --prior "none=1 fixed=1"`
 
     `pushgraph predict scene.json --relations believed --masses believed --beliefs observed/beliefs.json`
     """
@@ -107,6 +116,8 @@ def observe(
                 live.update(Group(*tables), refresh=True)
 
         watching = BeliefModel.load(model, physics=physics)
+        if prior is not None:
+            watching = watching.expecting(prior_of(prior))
         history = BeliefHistory.watch(loaded, seen, watching, relations == "given", masses == "unknown", show)
     outputs = [out / "beliefs.json", out / "beliefs.png", out / "scene.json"]
     history.save(outputs[0])
@@ -184,6 +195,18 @@ def track(
             believed.save(out)
     if out is not None:
         console.print(f"Written: {out}", soft_wrap=True, markup=False)
+
+
+def prior_of(text: str) -> dict[str, float]:
+    """The prior that `none=2 fixed=1` names."""
+    shares = {}
+    for word in text.replace(",", " ").split():
+        kind, _, number = word.partition("=")
+        try:
+            shares[kind] = float(number)
+        except ValueError:
+            raise typer.BadParameter(f"{word!r}; valid: JOINT=NUMBER, such as fixed=1", param_hint="--prior") from None
+    return shares
 
 
 def _pairs(names: Sequence[str] | None) -> dict[str, str]:

@@ -65,8 +65,9 @@ def _moved_reference(scene: Scene, frames: Frames, mend: bool) -> Checked:
     """Moments at which all bodies that are seen leap as one."""
     findings, poses, wrench = [], frames.poses.copy(), frames.wrench.copy()
     travel = tool_travel(frames)
-    usual = np.diff(travel)[np.diff(travel) > 0]
-    least = LEAST_SHIFT + 2 * (float(np.median(usual)) if len(usual) else 0.0)
+    seconds = np.diff(frames.times)  # where frames were dropped, the tool pushes everything farther
+    speeds = (np.diff(travel) / seconds)[np.diff(travel) > 0]
+    least = LEAST_SHIFT + 2 * seconds * (float(np.median(speeds)) if len(speeds) else 0.0)
     both = frames.seen[1:, 1:] & frames.seen[:-1, 1:]
     shift = np.where(both, np.hypot(*np.moveaxis(np.diff(frames.poses[:, 1:, :2], axis=0), -1, 0)), np.nan)
     turn = np.where(both, np.abs(wrap_angle(np.diff(frames.poses[:, 1:, 2], axis=0))), np.nan)
