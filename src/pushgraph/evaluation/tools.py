@@ -12,7 +12,7 @@ import numpy as np
 from pushgraph.dataset.engines import run_in_processes
 from pushgraph.errors import EvaluationError, PlanningError
 from pushgraph.evaluation.results import Results
-from pushgraph.evaluation.tool_tasks import Start, candidates_of, simulated_starts
+from pushgraph.evaluation.tool_tasks import Start, candidates_of, goals_of_starts, simulated_start, start_scenes
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning.costs import Cost, position_cost
 from pushgraph.planning.dynamics import Dynamics, learned, simulated
@@ -69,8 +69,8 @@ def evaluate_tools(
     """
     if seed < FIRST_TEST_SEED:
         raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
-    starts = simulated_starts(seed, workers, functools.partial(progress, "starts"))
-    tasks = [(index, goal) for index, start in enumerate(starts) for goal in range(len(start.goals))]
+    goals = goals_of_starts(seed, workers, functools.partial(progress, "starts"))
+    tasks = [(index, goal) for index, number in enumerate(goals) for goal in range(number)]
     every = np.linspace(0, len(tasks) - 1, min(count or len(tasks), len(tasks))).round().astype(int)
     chosen = [tasks[k] for k in every]
     jobs = []
@@ -100,7 +100,7 @@ class Job(NamedTuple):
 
 def _measure_start(job: Job) -> tuple[list[Attempt], list[tuple[str, float]]]:
     seed, index, tasks, contact, timed = job
-    start = simulated_starts(seed)[index]
+    start = simulated_start(start_scenes(seed)[index])
     dynamics = learned(PhysicsPredictor.load(contact))
     dynamics(start.candidates.plans[:1])  # compiles, where nothing is compiled yet
     begun = time.perf_counter()

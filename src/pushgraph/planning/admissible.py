@@ -22,12 +22,15 @@ def refusals(plans: Sequence[Scene], reach: Reach | None = None) -> list[str | N
     """
     found: list[str | None] = []
     starts: dict[tuple, str | None] = {}
-    for plan in plans:
+    paths: dict[tuple, str | None] = {}
+    for plan in plans:  # many begin alike, or go alike with other tools
         first = plan.pushes[0]
-        start = (id(plan.tool), id(plan.bodies), first.start, first.yaw)
+        start, path = (id(plan.tool), id(plan.bodies), first.start, first.yaw), (id(plan.table), *map(id, plan.pushes))
         if start not in starts:
             starts[start] = _comes_down_on(plan)
-        found.append(starts[start] or _leaves_table(plan) or _out_of_reach(plan, reach))
+        if path not in paths:
+            paths[path] = _leaves_table(plan)
+        found.append(starts[start] or paths[path] or _out_of_reach(plan, reach))
     return found
 
 
