@@ -16,12 +16,8 @@ SHOULDER_HEIGHT, UPPER_ARM, FOREARM = 0.1273, 0.612, 0.5723
 SIDE, WRIST, FLANGE = 0.163941, 0.1157, 0.0922
 """Of the UR10 (m): the wrist stands beside the plane of the long links; wrist 2 and wrist 3 lie so far from the joint
 before them."""
-NEAREST = 0.30
-"""The flange stays so far from the axis of the base (m): nearer, the arm would touch itself or turn too fast."""
-FULL_TURN = 2 * math.pi
-JOINT_LIMITS = np.array([FULL_TURN, FULL_TURN, math.pi, FULL_TURN, FULL_TURN, FULL_TURN])
-"""Largest angle of each joint to either side (rad), from the maker's description."""
-
+NEAREST = 0.33
+"""The flange stays so far from the axis of the base (m): nearer, forearm and wrist would touch base or upper arm."""
 Metres = Annotated[float, Field(ge=-2, le=2)]
 
 
@@ -39,12 +35,13 @@ class Arm(Record):
     """How high the tool is lifted between pushes (m)."""
 
     def joint_angles(
-        self, poses_world_from_tool: Float[np.ndarray, "*batch 3"], lift: float = 0.0
+        self, poses_world_from_tool: Float[np.ndarray, "*batch 3"], lift: Float[np.ndarray, "*#batch"] | float = 0.0
     ) -> Float[np.ndarray, "*batch 6"]:
         """Angles (rad) that bring the tool to each pose, lifted by so much (m); NaN where it is out of reach.
 
         Of the eight solutions the one with the elbow up, the wrist outside and the links beside the line to the
-        flange at its right. Angles of the first and the last joint are in [-pi, pi].
+        flange at its right. The first joint is as the flange is within half a turn of where the base faces; a whole
+        turn of the tool is one of the last joint.
         """
         in_base = pose.relative(np.array(self.pose_world_from_base), poses_world_from_tool)
         distance = np.hypot(in_base[..., 0], in_base[..., 1])
@@ -54,9 +51,9 @@ class Arm(Record):
             across = np.hypot(outward - WRIST, height)
             shoulder = np.arccos((UPPER_ARM**2 + across**2 - FOREARM**2) / (2 * UPPER_ARM * across))
             elbow = math.pi - np.arccos((UPPER_ARM**2 + FOREARM**2 - across**2) / (2 * UPPER_ARM * FOREARM))
-        first = pose.wrap_angle(np.arctan2(in_base[..., 1], in_base[..., 0]) - np.arctan2(SIDE, outward))
+        first = np.arctan2(in_base[..., 1], in_base[..., 0]) - np.arctan2(SIDE, outward)
         second = -(np.arctan2(height, outward - WRIST) + shoulder)
-        last = pose.wrap_angle(first - math.pi / 2 - in_base[..., 2])
+        last = first - math.pi / 2 - in_base[..., 2]
         right_angle = np.full_like(first, -math.pi / 2)
         return np.stack((first, second, elbow, -math.pi / 2 - second - elbow, right_angle, last), -1)
 
@@ -73,10 +70,12 @@ class Arm(Record):
         return math.hypot(straight + WRIST, SIDE)
 
     def reaches(self, poses_world_from_tool: Float[np.ndarray, "*batch 3"]) -> Bool[np.ndarray, "*batch"]:
-        """Whether the arm brings the tool to each pose, down and lifted. Speeds and what it may touch are not asked."""
-        angles = [self.joint_angles(poses_world_from_tool, lift) for lift in (0.0, self.lift)]
-        within = np.all([(np.abs(some) <= JOINT_LIMITS).all(-1) for some in angles], axis=0)  # NaN is not within
-        return within & (self.distances(poses_world_from_tool) >= NEAREST)
+        """Whether the arm brings the tool to each pose, down and lifted.
+
+        Speeds, turns of the last joint and what the arm may touch are not asked.
+        """
+        angles = np.stack([self.joint_angles(poses_world_from_tool, lift) for lift in (0.0, self.lift)])
+        return np.isfinite(angles).all((0, -1)) & (self.distances(poses_world_from_tool) >= NEAREST)
 
     def moved(self, pose_new_from_world: Float[np.ndarray, "3"]) -> "Arm":
         """Return the same arm, seen from another world frame."""

@@ -16,6 +16,9 @@ from pushgraph.simulation.planar_model import CONTACT_HEIGHT
 
 TOOL_SITE = "tool"
 """Where the tool touches what it pushes: the site's x is the tool's, its z points down."""
+FULL_TURN = 2 * np.pi
+ANGLE_LIMITS = np.array([FULL_TURN, FULL_TURN, np.pi, FULL_TURN, FULL_TURN, FULL_TURN])
+"""Largest angle of each joint to either side (rad), from the description."""
 BASE_SPEED, WRIST_SPEED = np.radians(120.0), np.radians(180.0)
 """Fastest turn of the first two joints and of the others (rad/s), from the UR10's data sheet."""
 SPEED_LIMITS = np.array([BASE_SPEED] * 2 + [WRIST_SPEED] * 4)
@@ -34,7 +37,8 @@ ROD_RADIUS, ROD_MASS = 0.03, 1.0
 """Of what joins flange and tool (m, kg)."""
 GROUND_CLEARANCE = 0.005
 """Of the tool's lower side above the table (m)."""
-_TABLE, _LINKS = 1, 2
+_TABLE, _LINKS, _BODIES = 1, 2, 4
+"""Collision bits: the table, the arm with its tool, and the height of the tallest body."""
 _ROBOT = Path("cmeel.prefix/share/example-robot-data/robots/ur_description")
 _INSTALL = "the arm needs the extra `arm`: pip install 'pushgraph[arm]'"
 
@@ -62,7 +66,8 @@ class ArmModel(NamedTuple):
 def build_arm(arm: Arm, scene: Scene) -> ArmModel:
     """Compile the model of an arm that holds the scene's tool.
 
-    Its links may not come lower than the tallest body, wherever that is. Gravity is balanced, as its controller does.
+    Its forearm and wrist may not come lower than the tallest body, wherever that is. Gravity is balanced, as its
+    controller does.
     Raises ArmError if the extra is not installed.
     """
     spec = mujoco.MjSpec.from_string(_description())
@@ -72,15 +77,17 @@ def build_arm(arm: Arm, scene: Scene) -> ArmModel:
     base = spec.body("base_link")
     base.pos, base.quat = [x, y, arm.base_height], [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
     for geom in spec.geoms:
-        geom.contype, geom.conaffinity = _LINKS, _LINKS | _TABLE
-    for name in ("base_link", "shoulder_link"):  # what carries them may stand on the table
+        geom.contype, geom.conaffinity = _LINKS, _LINKS | _TABLE | _BODIES
+    # What carries them may stand on the table, and the upper arm is as low as they are.
+    for name, may_touch in (("base_link", _LINKS), ("shoulder_link", _LINKS), ("upper_arm_link", _LINKS | _TABLE)):
         for geom in spec.body(name).geoms:
-            geom.conaffinity = _LINKS
+            geom.conaffinity = may_touch
     spec.add_exclude(bodyname1="base_link", bodyname2="shoulder_link")
     tallest = max(body.shape.height for body in scene.bodies)
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], pos=[0, 0, tallest], contype=_TABLE, conaffinity=0
-    )
+    for height, bit in ((0.0, _TABLE), (tallest, _BODIES)):
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], pos=[0, 0, height], contype=bit, conaffinity=0
+        )
     _add_tool(spec.body("tool0"), arm, scene)
     joints = list(spec.joints)
     for joint, inertia, stiffness, damping, torque in zip(

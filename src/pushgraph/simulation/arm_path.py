@@ -35,35 +35,48 @@ class ToolPath(NamedTuple):
         return ToolPath(np.vstack((self.poses, other.poses[1:])), np.concatenate((self.lift, other.lift[1:])))
 
 
-def along_push(motion: ToolMotion) -> ToolPath:
-    """The tool down on the table, from the push's start until it lifts."""
-    frames = motion.frames + round(ROUNDING / FRAME)
+def along_push(motion: ToolMotion, pace: float = 1.0) -> ToolPath:
+    """The tool down on the table, from the push's start until it lifts; pace: of its motion, as a share of the push's.
+
+    It rests as long as the push does at any pace.
+    """
+    slower = math.ceil(motion.duration * (1 / pace - 1) / FRAME - 1e-9)
+    frames = motion.frames + slower + round(ROUNDING / FRAME)
     window = round(ROUNDING / FINE)
-    fine = motion.poses((np.arange(frames * SAMPLES_PER_FRAME * 8 + window) + 0.5) * FINE - ROUNDING)
+    times = (np.arange(frames * SAMPLES_PER_FRAME * 8 + window) + 0.5) * FINE - ROUNDING
+    fine = motion.poses(times * pace)
     # Summed as differences to the start, so that what rests there is exactly there.
     sums = np.vstack((np.zeros(3), np.cumsum(fine - fine[0], axis=0)))
     poses = fine[0] + ((sums[window:] - sums[:-window]) / window)[:: round(SAMPLE / FINE)]
     return ToolPath(poses, np.zeros(len(poses)))
 
 
-def to_start(arm: Arm, before: Float[np.ndarray, "3"] | None, start: Float[np.ndarray, "3"]) -> ToolPath:
-    """Up from where the tool is, around the base and down on the start; only down if it is nowhere yet."""
-    down = _vertical(start, arm.lift, 0.0)
-    if before is None:
+def to_start(
+    arm: Arm, last: ToolPath | None, start: Float[np.ndarray, "3"], pace: float = 1.0
+) -> ToolPath:
+    """Up from where the last push ended, around the base and down on the start; only down if there was none."""
+    down = _vertical(start, arm.lift, 0.0, pace)
+    if last is None:
         return down
-    return _vertical(before, 0.0, arm.lift).then(_around_base(arm, before, start)).then(down)
+    up = _vertical(last.poses[-1], 0.0, arm.lift, pace)
+    return up.then(_around_base(arm, last, start, pace)).then(down)
 
 
-def _vertical(at: Float[np.ndarray, "3"], lowest: float, highest: float) -> ToolPath:
-    share = _smooth(_duration(abs(highest - lowest), LIFTED_SPEED, LIFTED_ACCELERATION))
-    return ToolPath(np.tile(at, (len(share), 1)), lowest + share * (highest - lowest))
+def _vertical(at: Float[np.ndarray, "3"], first: float, last: float, pace: float) -> ToolPath:
+    share = _smooth(_duration(abs(last - first), LIFTED_SPEED, LIFTED_ACCELERATION) / pace)
+    return ToolPath(np.tile(at, (len(share), 1)), first + share * (last - first))
 
 
-def _around_base(arm: Arm, before: Float[np.ndarray, "3"], after: Float[np.ndarray, "3"]) -> ToolPath:
-    """Lifted, in polar coordinates of the base: the arm never reaches across its own base, nor turns behind it."""
+def _around_base(arm: Arm, last: ToolPath, start: Float[np.ndarray, "3"], pace: float) -> ToolPath:
+    """Lifted, in polar coordinates of the base, so that the arm never reaches across its own base.
+
+    It comes within half a turn of where the base faces: turns of one push are taken back before the next.
+    """
     pose_world_from_base = np.array(arm.pose_world_from_base)
-    ends = pose.relative(pose_world_from_base, np.stack((before, after)))
+    pushed = pose.relative(pose_world_from_base, last.poses)
+    ends = np.stack((pushed[-1], pose.relative(pose_world_from_base, start)))
     angles, distances = np.arctan2(ends[:, 1], ends[:, 0]), np.hypot(ends[:, 0], ends[:, 1])
+    angles[0] = np.unwrap(np.arctan2(pushed[:, 1], pushed[:, 0]))[-1]
     turn, yaw = abs(angles[1] - angles[0]), abs(ends[1, 2] - ends[0, 2])
     way = turn * distances.max() + abs(distances[1] - distances[0])
     share = _smooth(
@@ -71,6 +84,7 @@ def _around_base(arm: Arm, before: Float[np.ndarray, "3"], after: Float[np.ndarr
             _duration(way, LIFTED_SPEED, LIFTED_ACCELERATION),
             _duration(turn + yaw, TURNING_SPEED, TURNING_ACCELERATION),
         )
+        / pace
     )
     angle, distance = (ends[0] + share * (ends[1] - ends[0]) for ends in (angles, distances))
     yaws = ends[0, 2] + share * (ends[1, 2] - ends[0, 2])

@@ -1,18 +1,25 @@
 """From a scene's pushes to the joints of an arm over time, and what it cannot do, found before anything moves."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.arm import JOINT_LIMITS, NEAREST, Arm
+from pushgraph.arm import NEAREST, Arm
 from pushgraph.errors import ArmError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene
-from pushgraph.simulation.arm_model import ACCELERATION_LIMIT, SPEED_LIMITS, TOOL_SITE, ArmModel, build_arm
+from pushgraph.simulation.arm_model import (
+    ACCELERATION_LIMIT,
+    ANGLE_LIMITS,
+    SPEED_LIMITS,
+    TOOL_SITE,
+    ArmModel,
+    build_arm,
+)
 from pushgraph.simulation.arm_path import SAMPLE, SAMPLES_PER_FRAME, ToolPath, along_push, to_start
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.tool import Push
@@ -22,6 +29,10 @@ EXACT = 1e-7
 NEAR_ENOUGH = 1e-4
 ITERATIONS = 20
 """Of inverse kinematics at most, for a sample."""
+NEAR_LIMIT = 0.05
+"""A joint so near to its limit (rad) is named where no angles are found."""
+SLOWEST = 0.1
+"""A push with a speed, or a way between pushes, is slowed to this share of its pace before it is refused."""
 LOWEST_LIFT = 0.02
 """The lifted tool clears the tallest body by so much (m)."""
 
@@ -63,14 +74,10 @@ class JointPath(NamedTuple):
 
 
 class PlannedPush(NamedTuple):
-    """What the arm does for one push: it brings the tool to the start, then moves it down on the table.
-
-    turns: by how much the yaw of the tool is shifted (rad, whole turns), so that the last joint stays within its limits.
-    """
+    """What the arm does for one push: it brings the tool to the start, then moves it down on the table."""
 
     approach: JointPath
     down: JointPath
-    turns: float
 
 
 class ArmPlanner:
@@ -91,75 +98,99 @@ class ArmPlanner:
         self._kinematics = InverseKinematics(self.model, arm)
         self._data = mujoco.MjData(self.model.mujoco)
         self._planned = 0
-        self._pose: np.ndarray | None = None
+        self._last: ToolPath | None = None
         self._angles: np.ndarray | None = None
 
     def plan(self, push: Push) -> PlannedPush:
         """The next push; raises ArmError, which names it, says where and why, if the arm cannot do it."""
         where = f"pushes[{self._planned}]"
+        on_the_way = f"{where}, on the way to its start"
         if push.force_limit is not None:
             raise ArmError(f"{where}.force_limit: the arm is controlled by position; leave the force_limit out")
-        down = along_push(ToolMotion(push, self._scene.tool))
+        motion = ToolMotion(push, self._scene.tool)
+        down = along_push(motion)
         turns = self._turns(down)
-        down.poses[:, 2] += turns
-        self._check_reach(down, where)
-        approach = to_start(self.arm, self._pose, down.poses[0])
-        self._check_reach(approach, f"{where}, on the way to its start")
-        above = self.arm.joint_angles(approach.poses[0], float(approach.lift[0]))
-        first = above if self._angles is None else self._angles
-        on_the_way = self._joints(approach, first, f"{where}, on the way to its start")
-        pushing = self._joints(down, on_the_way.positions[-1], where)
-        self._planned, self._pose, self._angles = self._planned + 1, down.poses[-1], pushing.positions[-1]
-        return PlannedPush(on_the_way, pushing, turns)
+
+        def pushed(pace: float) -> ToolPath:
+            path = along_push(motion, pace)
+            return path._replace(poses=path.poses + [0.0, 0.0, turns])
+
+        def approached(pace: float) -> ToolPath:
+            return to_start(self.arm, self._last, down.poses[0] + [0.0, 0.0, turns], pace)
+
+        self._check_reach(pushed(1.0), where)
+        self._check_reach(approached(1.0), on_the_way)
+        first = self._angles
+        if first is None:
+            above = approached(1.0)
+            first = self.arm.joint_angles(above.poses[0], float(above.lift[0]))
+        approach = self._in_time(approached, first, on_the_way, SLOWEST)
+        pushing = self._in_time(pushed, approach.positions[-1], where, SLOWEST if push.times is None else 1.0)
+        self._planned, self._angles = self._planned + 1, pushing.positions[-1]
+        self._last = pushed(1.0)
+        return PlannedPush(approach, pushing)
 
     def _turns(self, path: ToolPath) -> float:
-        """Whole turns by which the yaw is shifted so that the last joint stays around its middle."""
-        angles = self.arm.joint_angles(path.poses)
-        last = np.unwrap(angles[:, 0]) - path.poses[:, 2] - math.pi / 2 + self.arm.pose_world_from_base[2]
-        if not np.isfinite(last).all():
-            return 0.0
-        return 2 * math.pi * round((last.min() + last.max()) / 2 / (2 * math.pi))
+        """Whole turns by which the yaw of the tool is shifted (rad), so that the last joint stays around its middle."""
+        last = np.unwrap(self.arm.joint_angles(path.poses), axis=0)[:, -1]
+        return 2 * math.pi * round((last.min() + last.max()) / 2 / (2 * math.pi)) if np.isfinite(last).all() else 0.0
 
     def _check_reach(self, path: ToolPath, where: str) -> None:
-        distances = self.arm.distances(path.poses)
-        reached = np.array(np.isfinite(self.arm.joint_angles(path.poses, self.arm.lift)).all(-1))
-        reached &= np.isfinite(self.arm.joint_angles(path.poses)).all(-1)
-        for wrong, valid in (
-            (~reached & (distances > 1.0), f"at most {self.arm.farthest:.2f} m are in reach"),
-            (~reached | (distances < NEAREST), f"at least {NEAREST:g} m are valid"),
-        ):
-            if wrong.any():
-                sample = int(wrong.argmax())
-                raise ArmError(
-                    f"{_place(where, path, sample)} is out of the arm's reach: {distances[sample]:.2f} m from the axis "
-                    f"of its base, {valid}"
-                )
+        reached = self.arm.reaches(path.poses)
+        if reached.all():
+            return
+        sample = int(np.argmin(reached))
+        raise ArmError(
+            f"{_place(where, path, sample)} is out of the arm's reach: {self.arm.distances(path.poses)[sample]:.2f} m "
+            f"from the axis of its base; from {NEAREST:g} to {self.arm.farthest:.2f} m are valid"
+        )
+
+    def _in_time(
+        self, path_at: Callable[[float], ToolPath], first: Float[np.ndarray, "6"], where: str, slowest: float
+    ) -> JointPath:
+        """The joints along a path, at the fastest pace of a few that their limits allow."""
+        pace = 1.0
+        while True:
+            path = path_at(pace)
+            joints = JointPath(np.unwrap(self.arm.joint_angles(path.poses, path.lift), axis=0))
+            excess = max(
+                np.abs(joints.velocities / SPEED_LIMITS).max(),
+                math.sqrt(np.abs(joints.accelerations / ACCELERATION_LIMIT).max()),
+            )
+            if excess <= 0.99:  # what inverse kinematics finds may differ by rounding
+                break
+            pace *= min(0.95 / excess, 0.95)
+            if pace < slowest:
+                raise ArmError(self._too_fast(path, joints, where))
+        joints = self._joints(path, first, where)
+        for sample, angles in enumerate(joints.positions):
+            if touch := self.model.touch(self._data, angles):
+                raise ArmError(f"{_place(where, path, sample)}: {touch}")
+        return joints
 
     def _joints(self, path: ToolPath, first: Float[np.ndarray, "6"], where: str) -> JointPath:
         positions = np.empty((len(path.poses), 6))
         for sample, (pose, lift) in enumerate(zip(path.poses, path.lift, strict=True)):
             found = self._kinematics.solve(first, pose, float(lift))
             if found is None:
-                raise ArmError(f"{_place(where, path, sample)}: no angles within the joint limits lead there")
+                outside = np.abs(first) > ANGLE_LIMITS - NEAR_LIMIT
+                which = ", ".join(name for name, far in zip(self.model.joint_names, outside, strict=True) if far)
+                reason = f"the joint limit of {which} is reached" if which else "no joint angles lead there"
+                raise ArmError(f"{_place(where, path, sample)}: {reason}")
             positions[sample] = first = found
-        joints = JointPath(positions)
-        names = self.model.joint_names
-        for quantity, values, limits, unit in (
-            ("joint limit", joints.positions, JOINT_LIMITS, "rad"),
-            ("speed limit", joints.velocities, SPEED_LIMITS, "rad/s"),
-            ("acceleration limit", joints.accelerations, np.full(6, ACCELERATION_LIMIT), "rad/s²"),
-        ):
-            excess = np.abs(values) / limits
-            if excess.max() > 1:
-                sample, joint = np.unravel_index(int(excess.argmax()), excess.shape)
-                raise ArmError(
-                    f"{_place(where, path, int(sample))}: {quantity} of {names[joint]}: it had to be at "
-                    f"{abs(values[sample, joint]):.2f} {unit}, at most {limits[joint]:.2f} are valid"
-                )
-        for sample, angles in enumerate(positions):
-            if touch := self.model.touch(self._data, angles):
-                raise ArmError(f"{_place(where, path, sample)}: {touch}")
-        return joints
+        return JointPath(positions)
+
+    def _too_fast(self, path: ToolPath, joints: JointPath, where: str) -> str:
+        """Say which joint is farthest beyond its speed limit, or else its acceleration limit."""
+        quantity, values, limits, unit = "speed", joints.velocities, SPEED_LIMITS, "rad/s"
+        if (np.abs(values) <= limits).all():
+            quantity, values, unit = "acceleration", joints.accelerations, "rad/s²"
+            limits = np.full(6, ACCELERATION_LIMIT)
+        sample, joint = np.unravel_index(int(np.abs(values / limits).argmax()), values.shape)
+        return (
+            f"{_place(where, path, int(sample))}: {quantity} limit of {self.model.joint_names[joint]}: "
+            f"{abs(values[sample, joint]):.2f} {unit} were needed, at most {limits[joint]:.2f} are valid"
+        )
 
 
 class InverseKinematics:
