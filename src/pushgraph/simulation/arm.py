@@ -1,5 +1,7 @@
 """Pushes by an arm: its servos follow the planned joints, and the tool is wherever that brings it."""
 
+import math
+from collections.abc import Iterator
 from copy import copy
 from typing import NamedTuple
 
@@ -7,13 +9,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph import pose
 from pushgraph.arm import Arm
 from pushgraph.errors import ArmError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import DAMPING, STIFFNESS, TOOL_SITE, ArmModel
-from pushgraph.simulation.arm_planning import ArmPlanner, JointPath, PlannedPush, plan_arm, trajectory_of
+from pushgraph.simulation.arm_planning import ArmPlanner, PlannedPush, plan_arm, trajectory_of
+from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.simulation.planar_model import TIMESTEP
 from pushgraph.tool import Push
@@ -44,6 +46,7 @@ def simulate_with_arm(scene: Scene) -> ArmExecution:
     """
     if not scene.pushes:
         raise ArmError("pushes: the scene has none, so the arm has nothing to do")
+    scene = held(scene)
     planner, planned = plan_arm(scene)
     simulation = ArmSimulation(scene, planner)
     for push, plan in zip(scene.pushes, planned, strict=True):
@@ -51,12 +54,18 @@ def simulate_with_arm(scene: Scene) -> ArmExecution:
     return simulation.execution()
 
 
+def held(scene: Scene) -> Scene:
+    """The scene with an arm: its own, or one at the default place."""
+    return scene if scene.arm is not None else scene.replace(arm=Arm())
+
+
 class ArmSimulation(PlanarSimulation):
     """A scene whose tool is held by an arm. Pushes may be chosen as it goes; each is planned before it begins."""
 
     def __init__(self, scene: Scene, planner: ArmPlanner | None = None) -> None:
+        scene = held(scene)
         super().__init__(scene, force_limits=False)
-        self._planner = planner or ArmPlanner(scene.arm or Arm(), scene)
+        self._planner = planner or ArmPlanner(scene)
         self._servos = Servos(self._planner.model)
         self._plans: list[PlannedPush] = []
         self._joint_positions: list[np.ndarray] = []
@@ -69,7 +78,7 @@ class ArmSimulation(PlanarSimulation):
 
     def execution(self) -> ArmExecution:
         """What the arm did so far."""
-        trajectory = trajectory_of(self._planner.model, self._plans)
+        trajectory = trajectory_of(self._planner.model.joint_names, self._plans)
         return ArmExecution(self.track(), trajectory, np.array(self._joint_positions))
 
     def _come_down(self, start: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
@@ -78,7 +87,7 @@ class ArmSimulation(PlanarSimulation):
             self._servos.place(path.positions[0])
             self._record(self._tool(start), LIFTED)
         steps = round(FRAME / TIMESTEP)
-        angles, rates = path.at(np.arange(1, path.frames * steps + 1) * TIMESTEP)
+        angles, rates = path.at(np.arange(path.frames * steps) * TIMESTEP)
         here = self._tool_pose
         for frame in range(path.frames):
             self._step_lifted(here)
@@ -90,10 +99,10 @@ class ArmSimulation(PlanarSimulation):
         self._felt = np.zeros(3)
         return here
 
-    def _driven(self, motion, steps):
-        path: JointPath = self._plans[-1].down
+    def _driven(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        path = self._plans[-1].down
         step = FRAME / steps
-        angles, rates = path.at(np.arange(1, path.frames * steps + 1) * step)
+        angles, rates = path.at(np.arange(path.frames * steps) * step)
         here = self._tool_pose
         for frame in range(path.frames):
             total = np.zeros(3)
@@ -106,14 +115,14 @@ class ArmSimulation(PlanarSimulation):
                 here = there
             yield here, total / steps
 
-    def _record(self, pose_of_tool, push, wrench=None):
+    def _record(self, pose_of_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
         super()._record(pose_of_tool, push, wrench)
         self._joint_positions.append(self._servos.angles)
 
     def _tool(self, near: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """Where the servos hold the tool, in the scene's own frame, with the yaw that is next to that of a pose."""
         found = self._frame.poses_from_world(self._servos.tool)
-        found[2] = near[2] + pose.wrap_angle(found[2] - near[2])
+        found[2] = near[2] + math.remainder(found[2] - near[2], 2 * math.pi)
         return found
 
 
@@ -139,7 +148,7 @@ class Servos:
         wrench: Float[np.ndarray, "3"],
         seconds: float,
     ) -> None:
-        """Follow angles and their rates for a moment, against a force (N) and a moment (N m) on the tool, from above."""
+        """Follow angles and their rates for a moment, against a force (N) and a moment (N m) on the tool."""
         model, data = self._model, self._data
         model.opt.timestep = seconds
         data.ctrl[:] = angles + DAMPING / STIFFNESS * rates

@@ -40,14 +40,20 @@ GROUND_CLEARANCE = 0.005
 _TABLE, _LINKS, _BODIES = 1, 2, 4
 """Collision bits: the table, the arm with its tool, and the height of the tallest body."""
 _ROBOT = Path("cmeel.prefix/share/example-robot-data/robots/ur_description")
-_INSTALL = "the arm needs the extra `arm`: pip install 'pushgraph[arm]'"
+INSTALL = "the arm needs the extra `arm`: pip install 'pushgraph[arm]'"
 
 
 class ArmModel(NamedTuple):
     """A compiled arm; `joint_names` in the order of qpos."""
 
+    arm: Arm
     mujoco: mujoco.MjModel
     joint_names: tuple[str, ...]
+
+    @property
+    def pushing_height(self) -> float:
+        """Of the tool's site above the table while it pushes (m)."""
+        return float(self.arm.flange_height - self.mujoco.site(TOOL_SITE).pos[2])
 
     def touch(self, data: mujoco.MjData, angles: Float[np.ndarray, "6"]) -> str | None:
         """Say what touches what at these angles, if anything."""
@@ -63,13 +69,16 @@ class ArmModel(NamedTuple):
         return f"its {_words(one)} would touch its {_words(other)}"
 
 
-def build_arm(arm: Arm, scene: Scene) -> ArmModel:
-    """Compile the model of an arm that holds the scene's tool.
+def build_arm(scene: Scene) -> ArmModel:
+    """Compile the model of the scene's arm, which holds its tool.
 
     Its forearm and wrist may not come lower than the tallest body, wherever that is. Gravity is balanced, as its
     controller does.
-    Raises ArmError if the extra is not installed.
+    Raises ArmError if the scene has no arm, or the extra is not installed.
     """
+    arm = scene.arm
+    if arm is None:
+        raise ArmError("arm: the scene has none; add one, or use pushgraph.simulate")
     spec = mujoco.MjSpec.from_string(_description())
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = [0, 0, 0]
@@ -104,7 +113,7 @@ def build_arm(arm: Arm, scene: Scene) -> ArmModel:
             forcelimited=True,
             forcerange=[-torque, torque],
         )
-    return ArmModel(spec.compile(), tuple(joint.name for joint in joints))
+    return ArmModel(arm, spec.compile(), tuple(joint.name for joint in joints))
 
 
 def _description() -> str:
@@ -113,7 +122,7 @@ def _description() -> str:
         folder = Path(str(distribution("example-robot-data").locate_file(_ROBOT)))
         robot = ElementTree.parse(folder / "urdf" / "ur10_robot.urdf").getroot()
     except (PackageNotFoundError, FileNotFoundError):
-        raise ArmError(_INSTALL) from None
+        raise ArmError(INSTALL) from None
     meshes = {"meshdir": str(folder / "meshes" / "ur10" / "collision"), "strippath": "true", "discardvisual": "true"}
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", meshes, fusestatic="false")
     return ElementTree.tostring(robot, encoding="unicode")

@@ -51,9 +51,7 @@ def along_push(motion: ToolMotion, pace: float = 1.0) -> ToolPath:
     return ToolPath(poses, np.zeros(len(poses)))
 
 
-def to_start(
-    arm: Arm, last: ToolPath | None, start: Float[np.ndarray, "3"], pace: float = 1.0
-) -> ToolPath:
+def to_start(arm: Arm, last: ToolPath | None, start: Float[np.ndarray, "3"], pace: float = 1.0) -> ToolPath:
     """Up from where the last push ended, around the base and down on the start; only down if there was none."""
     down = _vertical(start, arm.lift, 0.0, pace)
     if last is None:

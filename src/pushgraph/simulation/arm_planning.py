@@ -8,13 +8,14 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.arm import NEAREST, Arm
+from pushgraph.arm import NEAREST
 from pushgraph.errors import ArmError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import (
     ACCELERATION_LIMIT,
     ANGLE_LIMITS,
+    INSTALL,
     SPEED_LIMITS,
     TOOL_SITE,
     ArmModel,
@@ -83,10 +84,11 @@ class PlannedPush(NamedTuple):
 class ArmPlanner:
     """Plans one push after the other, each from where the last one ended."""
 
-    def __init__(self, arm: Arm, scene: Scene) -> None:
-        """Raises ArmError if the extra is not installed or the lifted tool would hit a body."""
-        import_mink()
-        self.arm, self._scene = arm, scene
+    def __init__(self, scene: Scene) -> None:
+        """Raises ArmError if the scene has no arm, the extra is not installed or the lifted tool would hit a body."""
+        self.model = build_arm(scene)
+        self.arm = arm = self.model.arm
+        self._tool = scene.tool
         tallest = max(body.shape.height for body in scene.bodies)
         if arm.lift < tallest + LOWEST_LIFT:
             name = max(scene.bodies, key=lambda body: body.shape.height).name
@@ -94,8 +96,7 @@ class ArmPlanner:
                 f"arm.lift: {arm.lift:g} m do not clear body {name!r}, {tallest:g} m high; at least "
                 f"{tallest + LOWEST_LIFT:g} m are valid"
             )
-        self.model = build_arm(arm, scene)
-        self._kinematics = InverseKinematics(self.model, arm)
+        self._kinematics = InverseKinematics(self.model)
         self._data = mujoco.MjData(self.model.mujoco)
         self._planned = 0
         self._last: ToolPath | None = None
@@ -107,7 +108,7 @@ class ArmPlanner:
         on_the_way = f"{where}, on the way to its start"
         if push.force_limit is not None:
             raise ArmError(f"{where}.force_limit: the arm is controlled by position; leave the force_limit out")
-        motion = ToolMotion(push, self._scene.tool)
+        motion = ToolMotion(push, self._tool)
         down = along_push(motion)
         turns = self._turns(down)
 
@@ -196,18 +197,17 @@ class ArmPlanner:
 class InverseKinematics:
     """Joint angles for poses of the tool, from those of the pose before."""
 
-    def __init__(self, model: ArmModel, arm: Arm) -> None:
+    def __init__(self, model: ArmModel) -> None:
         self._mink = import_mink()
-        self._arm = arm
         self._configuration = self._mink.Configuration(model.mujoco)
         self._task = self._mink.FrameTask(TOOL_SITE, "site", position_cost=1.0, orientation_cost=1.0)
         self._limits = [self._mink.ConfigurationLimit(model.mujoco)]
-        self._height = float(_site_height(model, arm))
+        self._height = model.pushing_height
 
     def solve(
         self, first: Float[np.ndarray, "6"], pose: Float[np.ndarray, "3"], lift: float
     ) -> Float[np.ndarray, "6"] | None:
-        """The angles nearest to `first` that bring the tool to a pose, lifted by so much (m); None if there are none."""
+        """The angles nearest to `first` that bring the tool to a pose, lifted by so much (m); None if none do."""
         x, y, yaw = pose
         cos, sin = math.cos(yaw), math.sin(yaw)
         rotation = self._mink.SO3.from_matrix(np.array([[cos, sin, 0.0], [sin, -cos, 0.0], [0.0, 0.0, -1.0]]))
@@ -227,12 +227,12 @@ class InverseKinematics:
 
 
 def plan_arm(scene: Scene) -> tuple[ArmPlanner, list[PlannedPush]]:
-    """All pushes of a scene, by its arm or one at the default place; raises ArmError if one cannot be done."""
-    planner = ArmPlanner(scene.arm or Arm(), scene)
+    """All pushes of a scene by its arm; raises ArmError if one cannot be done."""
+    planner = ArmPlanner(scene)
     return planner, [planner.plan(push) for push in scene.pushes]
 
 
-def trajectory_of(model: ArmModel, planned: Sequence[PlannedPush]) -> JointTrajectory:
+def trajectory_of(joint_names: Sequence[str], planned: Sequence[PlannedPush]) -> JointTrajectory:
     """Everything that the arm does for these pushes, one after the other."""
     paths = [path for one in planned for path in (one.approach, one.down)]
 
@@ -241,21 +241,17 @@ def trajectory_of(model: ArmModel, planned: Sequence[PlannedPush]) -> JointTraje
 
     positions = whole("positions")
     times = np.arange(len(positions)) * SAMPLE
-    return JointTrajectory.of(model.joint_names, times, positions, whole("velocities"), whole("accelerations"))
+    return JointTrajectory.of(joint_names, times, positions, whole("velocities"), whole("accelerations"))
 
 
 def import_mink():
     """The package mink; raises ArmError if it is not installed."""
     try:
+        import daqp  # noqa: F401, the solver that mink is told to use
         import mink
     except ModuleNotFoundError:
-        raise ArmError("the arm needs the extra `arm`: pip install 'pushgraph[arm]'") from None
+        raise ArmError(INSTALL) from None
     return mink
-
-
-def _site_height(model: ArmModel, arm: Arm) -> float:
-    """Of the tool's site above the table while it pushes (m)."""
-    return arm.flange_height - model.mujoco.site(TOOL_SITE).pos[2]
 
 
 def _place(where: str, path: ToolPath, sample: int) -> str:
