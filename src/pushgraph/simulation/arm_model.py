@@ -23,7 +23,8 @@ BASE_SPEED, WRIST_SPEED = np.radians(120.0), np.radians(180.0)
 """Fastest turn of the first two joints and of the others (rad/s), from the UR10's data sheet."""
 SPEED_LIMITS = np.array([BASE_SPEED] * 2 + [WRIST_SPEED] * 4)
 ACCELERATION_LIMIT = 5.0
-"""Of every joint (rad/s^2): the maker states none; this is the conservative one of its MoveIt configuration."""
+"""Of every joint (rad/s^2): the maker states none; this is the conservative one of its ur_moveit_config (ROS 2
+driver)."""
 TORQUE_LIMITS = np.array([330.0, 330.0, 150.0, 54.0, 54.0, 54.0])
 """N m, from the description."""
 STIFFNESS = np.array([4e4, 4e4, 2e4, 8e3, 8e3, 8e3])
