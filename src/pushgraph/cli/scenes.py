@@ -1,5 +1,6 @@
 """The commands about one scene: demo, predict, simulate."""
 
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
@@ -136,30 +137,71 @@ def predict(
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    robot: Annotated[
+        str, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
+    ] = "kinematic",
+    render: Annotated[
+        Path | None, typer.Option(help="Also show the arm at work: a .gif, or an .mp4 (needs ffmpeg).")
+    ] = None,
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
+
+    With `--robot ur10` also what the arm's joints were told, with the fields of ROS's JointTrajectory.
 
     Examples:
 
     `pushgraph simulate scene.json --out result`
 
     `pushgraph simulate demo --animation none`
+
+    `pushgraph simulate demo --robot ur10 --render arm.gif`
     """
-    _simulate(scene, out or Path(Path(scene).stem), animation)
+    _check_animation_option(animation)
+    check_choice("robot", robot, ("kinematic", "ur10"))
+    if render is not None and robot != "ur10":
+        raise typer.BadParameter("needs --robot ur10", param_hint="--render")
+    folder = out or Path(Path(scene).stem)
+    if robot == "ur10":
+        _simulate_with_arm(scene, folder, animation, render)
+    else:
+        _simulate(scene, folder, animation)
 
 
 def _simulate(source: str, out: Path, animation: str) -> None:
-    from pushgraph.plausibility import assumptions
     from pushgraph.simulation.planar import simulate
 
-    _check_animation_option(animation)
-    scene = load_scene(source)
-    known = scene.with_nominal_values()
-    _warn(assumptions(scene))
+    known = _with_nominal_values(source)
     with console.status(f"Simulating {len(known.pushes)} pushes"):
         track = simulate(known)
     _write_track(track, out, animation)
+
+
+def _simulate_with_arm(source: str, out: Path, animation: str, render: Path | None) -> None:
+    from pushgraph.simulation.arm import simulate_with_arm
+    from pushgraph.viewer.animation import check_animation
+    from pushgraph.viewer.arm_animation import save_arm_animation
+
+    if render is not None:
+        check_animation(render)
+    known = _with_nominal_values(source)
+    with console.status(f"Planning and simulating {len(known.pushes)} pushes by the arm"):
+        execution = simulate_with_arm(known)
+    outputs = [out / "joint_trajectory.json"]
+    execution.trajectory.save(outputs[0])
+    if render is not None:
+        outputs.append(render)
+        with console.status("Drawing the arm"):
+            save_arm_animation(execution, render)
+    _write_track(execution.track, out, animation, outputs)
+
+
+def _with_nominal_values(source: str):
+    from pushgraph.plausibility import assumptions
+
+    scene = load_scene(source)
+    _warn(assumptions(scene))
+    return scene.with_nominal_values()
 
 
 def _check_animation_option(animation: str) -> None:
@@ -176,7 +218,8 @@ def _warn(sentences: list[str]) -> None:
         console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _write_track(track, out: Path, animation: str) -> None:
+def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ()) -> None:
+    """Write a track and what shows it; `written`: what has been already."""
     from pushgraph.plausibility import remarks
     from pushgraph.viewer.animation import save_animation
     from pushgraph.viewer.picture import save_picture
@@ -191,7 +234,7 @@ def _write_track(track, out: Path, animation: str) -> None:
             save_animation(track, outputs[-1])
     console.print(_final_poses(track))
     _warn(remarks(track))
-    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+    console.print("Written: " + ", ".join(str(path) for path in [*outputs, *written]), soft_wrap=True, markup=False)
 
 
 def load_scene(source: str):
