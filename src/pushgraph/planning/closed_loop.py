@@ -1,14 +1,14 @@
 """Push, look, correct what is believed, and plan again, until a body is where it shall be."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.errors import PlanningError
+from pushgraph.physics import Beliefs
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.planning.plan import Plan
 from pushgraph.regulator import BeliefRegulator
@@ -18,7 +18,7 @@ from pushgraph.spread import Ellipse
 from pushgraph.tool import Push
 from pushgraph.track import Track
 
-PUSHES = 8
+MOST_PUSHES = 8
 SAMPLES = 200
 
 
@@ -27,6 +27,13 @@ class Environment(Protocol):
 
     def execute(self, push: Push) -> Track:
         """Make a push; what was seen of it, from when the tool left where it was."""
+
+
+class Planner(Protocol):
+    """What plans; `beliefs` says how sure the scene's joints are."""
+
+    def __call__(self, scene: Scene, goal: Goal, beliefs: Beliefs) -> Plan:
+        """A plan for a scene as it is believed to be."""
 
 
 class SimulatedEnvironment:
@@ -78,13 +85,13 @@ def push_to_goal(
     regulator: BeliefRegulator,
     environment: Environment,
     goal: Goal,
-    planner: Callable[[Scene, Goal], Plan],
-    pushes: int = PUSHES,
+    planner: Planner,
+    pushes: int = MOST_PUSHES,
 ) -> Iterator[Step]:
     """Yield step after step, until the goal's body is where it shall be, or so many pushes were made.
 
-    regulator: of the scene; what is believed so far. planner: plans for the scene as it is believed to be. Stops, too,
-    where the planner has no push to make. Raises PlanningError if the goal does not fit the scene.
+    regulator: of the scene; what is believed so far; begun with the scene's poses if nothing was observed yet.
+    Stops, too, where the planner has no push to make. Raises PlanningError if the goal does not fit the scene.
     """
     scene = regulator.original
     goal.check(scene)
@@ -97,7 +104,7 @@ def push_to_goal(
         if goal.reached(now):
             return
         begun = time.perf_counter()
-        plan = planner(believed, goal)
+        plan = planner(believed, goal, dict(zip(regulator.pairs, regulator.probabilities, strict=True)))
         planning = time.perf_counter() - begun
         if not plan.pushes:
             return

@@ -13,6 +13,8 @@ from pushgraph.track import Track
 
 Score = Callable[[Sequence[Track]], Float[np.ndarray, "plans frames"]]
 """Of tracks in every frame (m), shorter ones going on as they end; less is better, infinite is never chosen."""
+Risk = Callable[[Cost], Score]
+"""Makes a score of a cost: `as_predicted`, `expected` or `percentile`."""
 SAMPLES = 32
 
 

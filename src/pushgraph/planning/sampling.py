@@ -14,11 +14,11 @@ from pushgraph.planning.costs import cost_of
 from pushgraph.planning.dynamics import Dynamics
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.planning.plan import Plan
-from pushgraph.planning.risk import Score, as_predicted
+from pushgraph.planning.risk import Risk, as_predicted
 from pushgraph.scene import Scene
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.tool import Push
-from pushgraph.track import FRAME, Track
+from pushgraph.track import FRAME, LIFTED, Track
 
 OWN_TOOL = "own"
 """Name of the tool that a scene has."""
@@ -62,17 +62,17 @@ def plan_continuously(
     dynamics: Dynamics,
     rng: np.random.Generator,
     sampling: Sampling | None = None,
-    score: Score | None = None,
+    risk: Risk = as_predicted,
     reach: Reach | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Plan:
     """The straight pushes of the scene's tool that bring the goal's body nearest to where it shall be.
 
-    score: of tracks, by default the goal's cost as predicted; see `pushgraph.planning.risk`. progress: told how many
-    rounds of how many are done. A plan without pushes says that nothing tried is better than what is. Raises
+    risk: what of the goal's cost is made least; see `pushgraph.planning.risk`. progress: told how many rounds of how
+    many are done. A plan without pushes says that nothing tried is better than what is. Raises
     PlanningError if the goal does not fit the scene, or no push may be tried.
     """
-    search = _Search(scene.model_copy(update={"pushes": ()}), goal, dynamics, rng, sampling or Sampling(), score, reach)
+    search = _Search(scene.model_copy(update={"pushes": ()}), goal, dynamics, rng, sampling or Sampling(), risk, reach)
     return search.run(progress)
 
 
@@ -84,12 +84,11 @@ class _Search:
         dynamics: Dynamics,
         rng: np.random.Generator,
         sampling: Sampling,
-        score: Score | None,
+        risk: Risk,
         reach: Reach | None,
     ) -> None:
-        cost = cost_of(scene, goal)
         self.scene, self.goal, self.dynamics, self.rng, self.sampling = scene, goal, dynamics, rng, sampling
-        self.score = as_predicted(cost) if score is None else score
+        self.score = risk(cost_of(scene, goal))
         self.reach = reach
         self.body = index_of(scene, goal.body)
         self.begun = time.perf_counter()
@@ -161,31 +160,27 @@ class _Search:
             tried.append(Tried(aims[k], plans[k], track, frame, float(of_track[frame])))
         return tried
 
-    def _tracks(self, plans: Sequence[Scene]) -> list[Track]:
-        """All of them; only as many as there is time for, if it is limited."""
-        if self.sampling.seconds is None:
+    def _tracks(self, plans: Sequence[Scene], least: int = 0) -> list[Track]:
+        """What comes of the plans: all of them, or as many as there is time for, and `least` at least."""
+        seconds = self.sampling.seconds
+        if seconds is None:
             return list(self.dynamics(plans)) if plans else []
         tracks: list[Track] = []
         for plan in plans:
-            if self._late:
+            if len(tracks) >= least and time.perf_counter() - self.begun > seconds:
                 break
             tracks += self.dynamics([plan])
         return tracks
-
-    @property
-    def _late(self) -> bool:
-        seconds = self.sampling.seconds
-        return seconds is not None and time.perf_counter() - self.begun > seconds
 
     def _settled(self, tried: Sequence[Tried]) -> list[Tried]:
         """The best, ended where they are best, tried again as the tool comes to rest there; best first."""
         best = sorted(tried, key=lambda one: one.cost)[: self.sampling.branches]
         ended = [one.scene.model_copy(update={"pushes": self._ended(one)}) for one in best]
-        tracks = list(self.dynamics(ended))
+        tracks = self._tracks(ended, least=1)
         costs = self.score(tracks)
         settled = [
             Tried(one.aim, plan, track, len(track.times) - 1, float(cost[len(track.times) - 1]))
-            for one, plan, track, cost in zip(best, ended, tracks, costs, strict=True)
+            for one, plan, track, cost in zip(best, ended, tracks, costs, strict=False)
         ]
         return sorted(settled, key=lambda one: one.cost)
 
@@ -198,7 +193,17 @@ class _Search:
         return (*before, push.replace(distance=distance))
 
     def _best(self, everything: Sequence[Tried]) -> Plan:
-        """The best of those that were tried to where they end."""
-        ended = [one for one in everything if one.frame == len(one.track.times) - 1]
-        best = min(ended, key=lambda one: one.cost)
+        """The best of those that were tried to where they end; no push, if none is better than none."""
+        best = min((one for one in everything if one.frame == len(one.track.times) - 1), key=lambda one: one.cost)
+        stays = starting(best.track)
+        cost = float(self.score([stays])[0, 0])
+        if best.cost >= cost:
+            return Plan(OWN_TOOL, stays.scene, stays, cost)
         return Plan(OWN_TOOL, best.scene, best.track, best.cost)
+
+
+def starting(track: Track) -> Track:
+    """The first frame alone, without any push."""
+    spread = None if track.spread is None else track.spread.take(slice(1))
+    scene = track.scene.model_copy(update={"pushes": ()})
+    return Track(scene, track.times[:1], track.poses[:1], np.full(1, LIFTED), track.seen[:1], spread=spread)
