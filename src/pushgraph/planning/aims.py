@@ -64,12 +64,12 @@ def first_aims(
     way = np.asarray(place) - poses[body, :2]
     chosen = rng.choice(len(scene.bodies), size=count, p=_worth(scene, poses, body, way))
     chosen[: (count + 1) // 2] = body
-    towards = math.atan2(way[1], way[0]) + rng.normal(scale=0.6, size=count)
-    anywhere = rng.uniform(-math.pi, math.pi, count)
-    direction = np.where(rng.random(count) < 0.6, towards, anywhere)
+    ahead = math.atan2(way[1], way[0])
+    turn = np.where(rng.random(count) < 0.6, rng.normal(scale=0.6, size=count), rng.uniform(-math.pi, math.pi, count))
     offset = rng.uniform(-0.9, 0.9, count) * reach[chosen]
-    direction[0], offset[0] = math.atan2(way[1], way[0]), 0.0
-    yaw = np.zeros(count) if _is_round(scene) else rng.uniform(-math.pi, math.pi, count)
+    turn[0] = offset[0] = 0.0
+    direction = ahead + turn
+    yaw = np.zeros(count) if _is_round(scene) else direction + rng.uniform(-math.pi, math.pi, count)
     return Aims(chosen, direction, offset, yaw)
 
 

@@ -1,9 +1,9 @@
 """Push, look, correct what is believed, and plan again, until a body is where it shall be."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,7 @@ MOST_PUSHES = 8
 SAMPLES = 200
 
 
+@runtime_checkable
 class Environment(Protocol):
     """Where pushes are made."""
 
@@ -29,11 +30,8 @@ class Environment(Protocol):
         """Make a push; what was seen of it, from when the tool left where it was."""
 
 
-class Planner(Protocol):
-    """What plans; `beliefs` says how sure the scene's joints are."""
-
-    def __call__(self, scene: Scene, goal: Goal, beliefs: Beliefs) -> Plan:
-        """A plan for a scene as it is believed to be."""
+Planner = Callable[[Scene, Goal, Beliefs], Plan]
+"""Plans for a scene as it is believed to be; the beliefs say how sure its joints are."""
 
 
 class SimulatedEnvironment:
