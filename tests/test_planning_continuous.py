@@ -1,10 +1,10 @@
 """Straight pushes that are drawn and improved, and what is made of how far off a prediction may be."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 import pushgraph as pg
 from pushgraph.body import Body
@@ -59,8 +59,10 @@ def test_a_plan_brings_a_free_disc_to_its_goal_in_simulation(predictor):
 
 
 def test_the_same_generator_gives_the_same_plan_and_another_one_another(predictor):
-    first, again, other = drawn(predictor, seed=1), drawn(predictor, seed=1), drawn(predictor, seed=2)
-    assert first.pushes == again.pushes and first.cost == again.cost
+    turned = GOAL.replace(yaw=0.5)
+    first, again, other = (drawn(predictor, CROWD, turned, seed) for seed in (1, 1, 2))
+    assert first.pushes == again.pushes
+    assert first.cost == again.cost
     assert first.pushes != other.pushes
 
 
@@ -95,11 +97,14 @@ def test_only_pushes_that_may_be_made_are_drawn():
 
 def test_the_first_push_drawn_goes_through_the_body_to_its_place():
     aims = first_aims(np.random.default_rng(0), ALONE, ALONE.poses_world_from_body, 0, (0.0, 0.2), 5)
-    assert aims.body[0] == 0 and aims.offset[0] == 0
+    assert aims.body[0] == 0
+    assert aims.offset[0] == 0
     push = aimed_pushes(ALONE, ALONE.poses_world_from_body, aims.take([0]), 0, (0.0, 0.2), 0.2, 0.45)[0]
-    assert push is not None and push.start[0] == pytest.approx(0.0, abs=1e-9)
+    assert push is not None
+    assert push.start[0] == pytest.approx(0.0, abs=1e-9)
     # Clear of the disc's 5 cm and the tool's 3 cm, to the next centimetre.
-    assert push.start[1] == pytest.approx(-0.09) and push.direction == pytest.approx(math.pi / 2)
+    assert push.start[1] == pytest.approx(-0.09)
+    assert push.direction == pytest.approx(math.pi / 2)
 
 
 def test_a_push_begins_behind_what_stands_in_its_way():
@@ -126,17 +131,21 @@ def test_what_the_arm_cannot_do_is_not_planned(predictor):
 
 
 def test_two_pushes_are_no_worse_than_one(predictor):
-    behind = Goal(body="cup", position=(0.2, 0.2), yaw=1.0)
-    one = drawn(predictor, CROWD, behind)
-    twice = Sampling(candidates=12, rounds=1, varied=8, elites=3, branches=2, pushes=2)
-    two = plan_continuously(CROWD, behind, learned(predictor), np.random.default_rng(0), twice)
+    goal = GOAL.replace(yaw=1.0)
+    once = Sampling(candidates=6, rounds=0, branches=2)
+    one, two = (
+        plan_continuously(ALONE, goal, learned(predictor), np.random.default_rng(0), replace(once, pushes=pushes))
+        for pushes in (1, 2)
+    )
+    assert len(one.pushes) == 1
     assert 1 <= len(two.pushes) <= 2
-    assert two.cost <= one.cost + 1e-3
+    assert two.cost <= one.cost
 
 
 def test_a_body_at_its_goal_is_left_alone(predictor):
     plan = drawn(predictor, ALONE, Goal(body="cup", position=(0.0, 0.0)))
-    assert plan.pushes == () and plan.cost < 1e-6
+    assert plan.pushes == ()
+    assert plan.cost < 1e-6
     assert plan.end.tolist() == [[0.0, 0.0, 0.0]]
 
 
@@ -203,5 +212,4 @@ def test_risk_needs_a_spread_and_a_share(predictor):
     with pytest.raises(PlanningError, match="no spread"):
         drawn(predictor, risk=expected)
     with pytest.raises(PlanningError, match="between 0 and 1, got 90"):
-        percentile(cost, 90)
-    assert torch.is_tensor(cost(torch.zeros(1, 1, 1, 3)))
+        percentile(cost, 90.0)

@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,14 +54,13 @@ CONTENDERS = {
 
 
 class Run(NamedTuple):
-    """What came of one task. error: in the end (m, rad). pushes: made. planning: seconds of each plan. likely, came:
-    of each push, how likely it was said to bring the body to its goal, and whether it did."""
+    """What came of one task. error: in the end (m, rad). planning: seconds, one a push. said: of each push, how likely
+    it was said to bring the body to its goal, and whether it did; empty if nothing was said."""
 
     reached: bool
     error: tuple[float, float]
     planning: tuple[float, ...]
-    likely: tuple[float, ...]
-    came: tuple[bool, ...]
+    said: tuple[tuple[float, bool], ...]
 
 
 class ClutterScene(NamedTuple):
@@ -107,7 +106,7 @@ def draw_goal(rng: np.random.Generator, scene: Scene) -> Goal:
         x, y, yaw = body.pose_world_from_body
         direction, turn = rng.uniform(-math.pi, math.pi), rng.uniform(-TURN, TURN)
         place = (x + AWAY * math.cos(direction), y + AWAY * math.sin(direction))
-        if room.holds(np.array(place)):
+        if room.holds(np.array([place])).all():
             return Goal(body=body.name, position=place, yaw=yaw + turn)
 
 
@@ -159,17 +158,16 @@ def run(
     except PushGraphError:
         pass
     end = environment.simulation.poses[scene.names.index(goal.body)]
-    said = [step for step in steps if step.likely is not None]
+    said = [(step.likely, goal.reached(step.observed)) for step in steps if step.likely is not None]
     return Run(
         goal.reached(end),
         goal.error(end),
         tuple(step.planning for step in steps),
-        tuple(step.likely for step in said),
-        tuple(goal.reached(step.observed) for step in said),
+        tuple(said),
     )
 
 
-def _add_rows(results: Results, model: str, runs: Sequence[Run], **labels: int | str) -> None:
+def _add_rows(results: Results, model: str, runs: Sequence[Run], **labels: Any) -> None:
     every = np.arange(len(runs))
 
     def add(metric: str, unit: str, values: Sequence[float]) -> None:
@@ -184,7 +182,7 @@ def _add_rows(results: Results, model: str, runs: Sequence[Run], **labels: int |
     of_plans = [(k, seconds) for k, run in enumerate(runs) for seconds in run.planning]
     scene, seconds = np.array(of_plans).reshape(-1, 2).T
     results.add(model, "planning_s", "s", seconds, scene.astype(int), **labels)
-    said = [(k, *pair) for k, run in enumerate(runs) for pair in zip(run.likely, run.came, strict=True)]
+    said = [(k, *pair) for k, run in enumerate(runs) for pair in run.said]
     if said:
         scene, likely, came = np.array(said, dtype=float).T
         results.add_calibration_error(

@@ -102,6 +102,8 @@ class _Search:
         for _ in range(depth):
             tried: list[Tried] = []
             for k in range(per_push):
+                if tried and self._late:
+                    break
                 tried += self._round(roots, tried, k)
                 done += 1
                 progress(done, depth * per_push)
@@ -160,23 +162,29 @@ class _Search:
             tried.append(Tried(aims[k], plans[k], track, frame, float(of_track[frame])))
         return tried
 
-    def _tracks(self, plans: Sequence[Scene], least: int = 0) -> list[Track]:
-        """What comes of the plans: all of them, or as many as there is time for, and `least` at least."""
-        seconds = self.sampling.seconds
-        if seconds is None:
-            return list(self.dynamics(plans)) if plans else []
-        tracks: list[Track] = []
-        for plan in plans:
-            if len(tracks) >= least and time.perf_counter() - self.begun > seconds:
+    def _tracks(self, plans: Sequence[Scene]) -> list[Track]:
+        """What comes of the plans: of all, or of as many as there is time for, but one at least."""
+        if not plans:
+            return []
+        if self.sampling.seconds is None:
+            return list(self.dynamics(plans))
+        tracks = list(self.dynamics(plans[:1]))
+        for plan in plans[1:]:
+            if self._late:
                 break
             tracks += self.dynamics([plan])
         return tracks
+
+    @property
+    def _late(self) -> bool:
+        seconds = self.sampling.seconds
+        return seconds is not None and time.perf_counter() - self.begun > seconds
 
     def _settled(self, tried: Sequence[Tried]) -> list[Tried]:
         """The best, ended where they are best, tried again as the tool comes to rest there; best first."""
         best = sorted(tried, key=lambda one: one.cost)[: self.sampling.branches]
         ended = [one.scene.model_copy(update={"pushes": self._ended(one)}) for one in best]
-        tracks = self._tracks(ended, least=1)
+        tracks = self._tracks(ended)
         costs = self.score(tracks)
         settled = [
             Tried(one.aim, plan, track, len(track.times) - 1, float(cost[len(track.times) - 1]))
