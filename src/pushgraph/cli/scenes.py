@@ -112,7 +112,7 @@ def predict(
             raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
     if beliefs is not None and "believed" not in (relations, masses):
         raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
-    _check_animation_option(animation)
+    check_animation_option(animation)
     given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
@@ -127,7 +127,7 @@ def predict(
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
-    _warn(assumptions(given) + simplifications(given, predictor.solves))
+    warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
@@ -157,7 +157,7 @@ def simulate(
 
     `pushgraph simulate demo --robot ur10 --render arm.gif`
     """
-    _check_animation_option(animation)
+    check_animation_option(animation)
     check_choice("robot", robot, ("kinematic", "ur10"))
     if render is not None and robot != "ur10":
         raise typer.BadParameter("needs --robot ur10", param_hint="--render")
@@ -200,11 +200,11 @@ def _with_nominal_values(source: str):
     from pushgraph.plausibility import assumptions
 
     scene = load_scene(source)
-    _warn(assumptions(scene))
+    warn(assumptions(scene))
     return scene.with_nominal_values()
 
 
-def _check_animation_option(animation: str) -> None:
+def check_animation_option(animation: str) -> None:
     from pushgraph.viewer.animation import check_animation
 
     check_choice("animation", animation, ("gif", "mp4", "none"))
@@ -212,7 +212,7 @@ def _check_animation_option(animation: str) -> None:
         check_animation(f"animation.{animation}")
 
 
-def _warn(sentences: list[str]) -> None:
+def warn(sentences: list[str]) -> None:
     """Print what is assumed, or doubtful, a line each."""
     for sentence in sentences:
         console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
@@ -232,8 +232,8 @@ def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ())
         if animation != "none":
             outputs.append(out / f"animation.{animation}")
             save_animation(track, outputs[-1])
-    console.print(_final_poses(track))
-    _warn(remarks(track))
+    console.print(final_poses(track))
+    warn(remarks(track))
     console.print("Written: " + ", ".join(str(path) for path in [*outputs, *written]), soft_wrap=True, markup=False)
 
 
@@ -252,7 +252,7 @@ def load_scene(source: str):
         raise
 
 
-def _final_poses(track) -> Table:
+def final_poses(track) -> Table:
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
     stated = _stated_at_the_end(track)
