@@ -23,6 +23,8 @@ ORDER = [
     "shape",
     "svg",
     "tool",
+    "arm",
+    "joint_trajectory",
     "body",
     "patch",
     "parts",
@@ -57,6 +59,7 @@ ORDER = [
     "training",
     "evaluation",
     "viewer",
+    "environment",
     "cli",
 ]
 

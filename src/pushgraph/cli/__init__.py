@@ -33,14 +33,13 @@ for command in (
     recordings.track,
     scenes.simulate,
     filming.film,
-    planning.plan,
     data.generate,
 ):
     app.command()(command)
+# A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
+app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
-for name, measure in (
-    evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_recordings.COMMANDS
-).items():
+for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_recordings.COMMANDS).items():
     evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 

@@ -42,21 +42,23 @@ def measure_blocks(
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
     setup: str = SETUP,
+    block: int = BLOCK,
 ) -> list[Measured]:
     """What `work` measures in `count` test scenes for each number of objects, in order; `models` are checkpoints.
 
-    setup: that scenes are drawn from. Raises EvaluationError if the scenes of this seed are for training.
+    setup: that scenes are drawn from. block: scenes that one process handles at a time. Raises EvaluationError if the
+    scenes of this seed are for training.
     """
     if seed < FIRST_TEST_SEED:
         raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
     chosen = tuple((name, str(path)) for name, path in models.items())
     blocks = [
-        Block(number, seed, first, min(BLOCK, count - first), chosen, setup)
+        Block(number, seed, first, min(block, count - first), chosen, setup)
         for number in objects
-        for first in range(0, count, BLOCK)
+        for first in range(0, count, block)
     ]
     measured: dict[Block, list[Measured]] = {}
-    for block, of_block in run_in_processes(work, blocks, min(workers, len(blocks))):
-        measured[block] = of_block
-        progress(sum(len(done) for done in measured.values()))
-    return [of_scene for block in blocks for of_scene in measured[block]]
+    for done, of_block in run_in_processes(work, blocks, min(workers, len(blocks))):
+        measured[done] = of_block
+        progress(sum(map(len, measured.values())))
+    return [of_scene for one in blocks for of_scene in measured[one]]

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from pushgraph.errors import PlanningError
 from pushgraph.scene import Scene
@@ -20,15 +21,15 @@ def refusals(plans: Sequence[Scene], reach: Reach | None = None) -> list[str | N
 
     reach: asked about every push, if given.
     """
-    found: list[str | None] = []
-    starts: dict[tuple, str | None] = {}
-    for plan in plans:
-        first = plan.pushes[0]
-        start = (id(plan.tool), id(plan.bodies), first.start, first.yaw)
-        if start not in starts:
-            starts[start] = _comes_down_on(plan)
-        found.append(starts[start] or _leaves_table(plan) or _out_of_reach(plan, reach))
-    return found
+    paths: dict[tuple, str | None] = {}
+    for plan in plans:  # many go alike with other tools
+        path = _path(plan)
+        if path not in paths:
+            paths[path] = _leaves_table(plan)
+    return [
+        fault or paths[_path(plan)] or _out_of_reach(plan, reach)
+        for plan, fault in zip(plans, _coming_down(plans), strict=True)
+    ]
 
 
 def admitted(plans: Sequence[Scene], reach: Reach | None = None) -> list[int]:
@@ -41,16 +42,35 @@ def admitted(plans: Sequence[Scene], reach: Reach | None = None) -> list[int]:
     return left
 
 
-def _comes_down_on(plan: Scene) -> str | None:
+def _coming_down(plans: Sequence[Scene]) -> list[str | None]:
+    """On what the tool of each plan would come down; each start of a tool among the same bodies is looked at once."""
+    groups: dict[tuple[int, int], dict[tuple[float, float, float], list[int]]] = {}
+    for k, plan in enumerate(plans):
+        start = (*plan.pushes[0].start, plan.pushes[0].yaw)
+        groups.setdefault((id(plan.tool), id(plan.bodies)), {}).setdefault(start, []).append(k)
+    found: list[str | None] = [None] * len(plans)
+    for starts in groups.values():
+        scene = plans[next(iter(starts.values()))[0]]
+        gaps = scene.tool_gaps(np.array(list(starts)), scene.poses_world_from_body)
+        for of_start, with_it in zip(gaps, starts.values(), strict=True):
+            for k in with_it:
+                found[k] = _too_near(plans[k], of_start)
+    return found
+
+
+def _too_near(plan: Scene, gaps: Float[np.ndarray, " bodies"]) -> str | None:
     clearance = CLEARANCE if plan.clearance is None else plan.clearance
-    first = plan.pushes[0]
-    gaps = plan.tool_gaps(np.array([[*first.start, first.yaw]]), plan.poses_world_from_body)[0]
     if gaps.min() >= clearance:
         return None
+    x, y = plan.pushes[0].start
     return (
-        f"the tool would come down at ({first.start[0]:g}, {first.start[1]:g}) {1e3 * gaps.min():.0f} mm from body "
+        f"the tool would come down at ({x:g}, {y:g}) {1e3 * gaps.min():.0f} mm from body "
         f"{plan.names[int(gaps.argmin())]!r}; a clearance of {1e3 * clearance:g} mm is asked for"
     )
+
+
+def _path(plan: Scene) -> tuple[int, ...]:
+    return id(plan.table), *map(id, plan.pushes)
 
 
 def _leaves_table(plan: Scene) -> str | None:

@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pushgraph.physics import PhysicsPredictor
+from pushgraph.errors import SimulationError
+from pushgraph.physics import Beliefs, PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.track import Track
@@ -16,17 +17,30 @@ Dynamics = Callable[[Sequence[Scene]], Sequence[Track]]
 """Says what the pushes of each scene do. Scenes may differ in their tools and pushes; tracks may differ in length."""
 
 
-def learned(predictor: PhysicsPredictor, spread: bool = False) -> Dynamics:
+def learned(predictor: PhysicsPredictor, spread: bool = False, beliefs: Beliefs | None = None) -> Dynamics:
     """Predict all plans side by side, those that begin alike once.
 
-    spread: whether tracks say how far off they may be.
+    spread: whether tracks say how far off they may be. beliefs: what is believed of the joints of pairs, which widens
+    the spread.
     """
-    return lambda scenes: predictor.predict_many(scenes, spread=spread, share=True)
+
+    def predict(scenes: Sequence[Scene]) -> Sequence[Track]:
+        of_each = None if beliefs is None else [beliefs] * len(scenes)
+        return predictor.predict_many(scenes, spread=spread, beliefs=of_each, share=True)
+
+    return predict
 
 
 def simulated(scenes: Sequence[Scene]) -> Sequence[Track]:
-    """Simulate one plan after the other in MuJoCo."""
-    return [simulate(scene) for scene in scenes]
+    """Simulate one plan after the other in MuJoCo; one that cannot be simulated leaves everything where it is."""
+    return [_simulated(scene) for scene in scenes]
+
+
+def _simulated(scene: Scene) -> Track:
+    try:
+        return simulate(scene)
+    except SimulationError:
+        return simulate(scene.model_copy(update={"pushes": ()}))
 
 
 def body_poses(tracks: Sequence[Track]) -> Float[Tensor, "plans frames bodies 3"]:

@@ -1,6 +1,6 @@
 """Try every tool with every sequence of pushes, and take the best (paper, section IV)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,9 @@ from pushgraph.scene import Scene
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, Track
 
+TOGETHER = 64
+"""Plans that are tried side by side: those of one tool, as a rule."""
+
 
 def plan_exhaustively(
     scene: Scene,
@@ -23,15 +26,20 @@ def plan_exhaustively(
     tools: Sequence[NamedTool],
     pushes: Sequence[Push],
     reach: Reach | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Plan:
     """The tool and the push for which the cost is least, of all that may be tried; the plan ends in the best frame.
 
     pushes: the same for every tool, with `times`, so that they can end in any frame; see
-    `pushgraph.planning.sequences`.
-    Raises PlanningError if none may be tried: see `pushgraph.planning.admissible`.
+    `pushgraph.planning.sequences`. progress: plans tried, of how many. Raises PlanningError if none may be tried: see
+    `pushgraph.planning.admissible`.
     """
     candidates = Candidates.of(scene, tools, pushes, reach)
-    return candidates.best(dynamics(candidates.plans), cost)
+    tracks: list[Track] = []
+    for first in range(0, len(candidates.plans), TOGETHER):
+        tracks += dynamics(candidates.plans[first : first + TOGETHER])
+        progress(len(tracks), len(candidates.plans))
+    return candidates.best(tracks, cost)
 
 
 class Candidates:
@@ -50,15 +58,11 @@ class Candidates:
         left = admitted(plans, reach)
         return cls([names[k] for k in left], [plans[k] for k in left])
 
-    def of_tool(self, tool: str, tracks: Sequence[Track]) -> tuple["Candidates", Sequence[Track]]:
-        """Those with one of the tools, and their tracks; raises PlanningError if there are none."""
-        of_it = [k for k, name in enumerate(self.tools) if name == tool]
-        if not of_it:
-            raise PlanningError(
-                f"no plan with tool {tool!r} may be tried; left: {', '.join(dict.fromkeys(self.tools))}"
-            )
-        chosen = Candidates([tool] * len(of_it), [self.plans[k] for k in of_it])
-        return chosen, [tracks[k] for k in of_it]
+    def only(self, which: Sequence[int], tracks: Sequence[Track]) -> tuple["Candidates", Sequence[Track]]:
+        """Some of them, and their tracks; raises PlanningError if these are none."""
+        if not which:
+            raise PlanningError("none of the plans asked for may be tried")
+        return Candidates([self.tools[k] for k in which], [self.plans[k] for k in which]), [tracks[k] for k in which]
 
     def best(self, tracks: Sequence[Track], cost: Cost) -> Plan:
         """The plan whose track comes to the least cost in any of its frames, ended there."""

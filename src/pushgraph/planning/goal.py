@@ -45,7 +45,7 @@ class Goal(Record):
     def error(self, pose_world_from_body: np.ndarray) -> tuple[float, float]:
         """How far the body is off its place (m) and its turn (rad, 0 if any will do)."""
         distance = math.dist(self.position, pose_world_from_body[:2])
-        turn = 0.0 if self.yaw is None else abs(float(wrap_angle(np.array(pose_world_from_body[2] - self.yaw))))
+        turn = 0.0 if self.yaw is None else abs(float(wrap_angle(pose_world_from_body[2:] - self.yaw)[0]))
         return distance, turn
 
     def reached(self, pose_world_from_body: np.ndarray) -> bool:
