@@ -29,6 +29,7 @@ ORDER = [
     "patch",
     "parts",
     "scene",
+    "parting",
     "scene_parts",
     "scene_range",
     "spread",

@@ -14,15 +14,15 @@ from pushgraph.belief import BeliefModel, Watch
 from pushgraph.believed_joint import BelievedJoint
 from pushgraph.believed_mass import BelievedMass, Interval
 from pushgraph.body import ROBOT, Joint
-from pushgraph.contact import contact_between
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import BeliefError, TrackError
 from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
 from pushgraph.mass_chains import LEVELS
+from pushgraph.parting import parted
 from pushgraph.pose import wrap_angle
-from pushgraph.scene import OVERLAP, Scene
-from pushgraph.shape import Polygon, rounded_boxes, take
+from pushgraph.scene import Scene
+from pushgraph.shape import Polygon
 from pushgraph.track import FRAME
 from pushgraph.wrench import check_measured
 
@@ -30,7 +30,6 @@ LONGEST_JUMP = 0.2
 """A body that moves farther than this in a frame (m) was mistaken for another; a tool that does was lifted."""
 LEAST_ROOM = 1e-3
 """A joint at its limit still has this room (m or rad): what was seen beyond the limit is noise."""
-PARTING_ROUNDS = 100
 
 
 class BeliefRegulator:
@@ -43,8 +42,8 @@ class BeliefRegulator:
     Every pair is taken as unknown unless a rigid group holds both, or `given` says that the scene's joints (and what
     it knows to be apart) hold. Masses are learnt where the scene does not tell them, or of all bodies if `weigh` says
     so; what they may be, `scene.mass_classes` tells. Frictions are taken as the scene tells them. prior: how likely
-    each joint is of a pair of neighbours beforehand, those not named cannot be: {"none": 1, "fixed": 1} where parts are
-    glued or not; by default as in the training data.
+    each joint is of a pair of neighbours beforehand, those not named cannot be: {"none": 1.0, "fixed": 1.0} where parts
+    are glued or not; by default as in the training data.
     """
 
     def __init__(
@@ -142,7 +141,7 @@ class BeliefRegulator:
         kind = self.model.probabilities(self._watched).argmax(-1)
         relations = believe(state, kind, view.fits).relations
         masses = {mass.body: mass.mass[0] for mass in self.masses()}
-        poses = _parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
+        poses = parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
         bodies = tuple(
             body.replace(pose_world_from_body=tuple(place), mass=masses.get(body.name, body.mass))
             for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
@@ -272,22 +271,3 @@ class BeliefRegulator:
 def room_left(limits: Sequence[float], used: float) -> tuple[float, float]:
     """Limits of a joint, counted from where it has moved by `used` (m or rad)."""
     return min(limits[0] - used, -LEAST_ROOM), max(limits[1] - used, LEAST_ROOM)
-
-
-def _parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarray, "bodies 3"]:
-    """Poses at which no two bodies overlap by more than a scene allows: each of such a pair gives way by half."""
-    poses, apart = poses.copy(), scene.pairs_that_collide
-    if not apart:
-        return poses
-    boxes = rounded_boxes([body.shape for body in scene.bodies])
-    first, second = (np.array(column) for column in zip(*apart, strict=True))
-    for _ in range(PARTING_ROUNDS):
-        between = torch.from_numpy(pose.relative(poses[first], poses[second]))
-        touch = contact_between(take(boxes, torch.from_numpy(first)), take(boxes, torch.from_numpy(second)), between)
-        deep = np.maximum(-touch.gap.numpy() - 0.9 * OVERLAP, 0)
-        if deep.max() == 0:
-            break
-        give = pose.rotate(touch.normal.numpy(), poses[first, 2]) * (deep / 2)[:, None]
-        np.add.at(poses, (first, slice(2)), -give)
-        np.add.at(poses, (second, slice(2)), give)
-    return poses

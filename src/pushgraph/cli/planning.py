@@ -24,10 +24,9 @@ def plan(
         typer.Option(help="all, a shipped tool, or a file; again.", show_default="the scene's own tool"),
     ] = None,
     keep: Annotated[list[str] | None, typer.Option(help="A body that shall stay where it is; again.")] = None,
-    start: Annotated[tuple[float, float], typer.Option(help="With --tools: where the end-effector comes down.")] = (
-        0.0,
-        0.0,
-    ),
+    start: Annotated[
+        tuple[float, float], typer.Option(help="With --tools: where the end-effector comes down.")
+    ] = (0.0, 0.0),
     pushes: Annotated[int, typer.Option(min=1, max=4, help="At most.")] = 3,
     dynamics: Annotated[str, typer.Option(help="learned, or mujoco.")] = "learned",
     risk: Annotated[str, typer.Option(help="What of the cost is made least: predicted, expected, percentile.")] = (

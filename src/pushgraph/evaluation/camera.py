@@ -81,7 +81,7 @@ def evaluate_recordings(
     A folder stands for all files in it. Raises TrackError if one cannot be read or believed, EvaluationError if it
     holds no scene.
     """
-    files = [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    files = [file for path in paths for file in (_files_in(path) if path.is_dir() else [path])]
     scenes = []
     for file in files:
         scenes += errors_of([recorded(file)], models, prior)
@@ -126,11 +126,18 @@ def recorded(path: Path) -> Filmed:
     if moving:
         raise EvaluationError(f"{path}: scene: joints of kind {moving[0].kind}; this suite is of fixed joints only")
     track = _seen(sightings, scene, f"{path}: ")
-    unseen = [name for name, ever in zip(track.nodes, track.seen.any(0), strict=True) if not ever]
+    unseen = [name for name, ever in zip(track.nodes, track.seen.any(0).tolist(), strict=True) if not ever]
     if unseen:
         raise EvaluationError(f"{path}: {', '.join(unseen)}: never seen, so where it ends is not known")
     last = len(track.times) - 1 - track.seen[::-1].argmax(0)
     return Filmed(scene, track, track.poses[last, np.arange(len(last)), :2][1:])
+
+
+def _files_in(folder: Path) -> list[Path]:
+    files = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
+    if not files:
+        raise EvaluationError(f"{folder}: holds no files")
+    return files
 
 
 def _seen(sightings: Sightings, scene: Scene, source: str = "") -> Track:
@@ -191,7 +198,7 @@ def believed_at(filmed: Filmed, starts: Sequence[int], belief: BeliefModel) -> l
 def predicted_ends(
     predictor: PhysicsPredictor,
     scenes: Sequence[Scene],
-    tools: Sequence[tuple[Float[np.ndarray, "frames 3"], Bool[np.ndarray, " frames"]]],
+    tools: Sequence[tuple[Float[np.ndarray, "_ 3"], Bool[np.ndarray, " _"]]],
 ) -> Float[np.ndarray, "scenes bodies 2"]:
     """Where bodies are predicted to end while the tool goes as it went from then on: its poses, and whether down."""
     longest = max(len(poses) for poses, _ in tools)

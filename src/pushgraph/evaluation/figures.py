@@ -25,7 +25,9 @@ COLOURS = {
 }
 JOINT_COLOURS = {"none": "#2060c0", "fixed": "#c04040", "prismatic": "#40a060", "revolute": "#d08000"}
 LINES = {"belief": "-", "paper_recipe": "--", INFORMED: ":"}
-SPREAD_COLOURS = dict(zip(CONDITIONS, ("#202020", "#c04040", "#d08000", "#40a060", "#2060c0", "#8060c0"), strict=True))
+SPREAD_COLOURS = dict(
+    zip(CONDITIONS, ("#202020", "#c04040", "#d08000", "#40a060", "#2060c0", "#8060c0"), strict=True)
+)
 RELIABLE_AT = (40, 200)
 """Observed frames of the reliability diagram."""
 

@@ -12,11 +12,12 @@ from pushgraph.recording.binary import BINARY, read_binary
 from pushgraph.recording.readers.csv_table import read_csv
 from pushgraph.recording.readers.hdf5 import SIGHTINGS
 from pushgraph.recording.readers.motive import is_motive, read_motive
+from pushgraph.recording.readers.paper_json import is_paper_json, read_paper_json
 from pushgraph.recording.sightings import COLUMNS, DEFAULTS, NO_PUSH, ReadOptions, Sightings
 from pushgraph.storage import replacing, replacing_hdf5
 from pushgraph.wrench import COMPONENTS
 
-TEXT = (".csv", ".tsv", ".txt")
+TEXT = (".csv", ".tsv", ".txt", ".json")
 CSV_HEADER = ("time", "node", "x", "y", "yaw", "push")
 
 
@@ -35,8 +36,10 @@ def read_sightings(path: Path, options: ReadOptions = DEFAULTS) -> Sightings:
         if suffix not in TEXT:
             raise TrackError(f"unknown kind of file; valid: {', '.join((*TEXT, *BINARY))}, a folder of ROS 2")
         with path.open("rb") as file:
-            motive = is_motive(file.read(64))
-        return (read_motive if motive else read_csv)(path, options)
+            start = file.read(64)
+        if suffix == ".json" or is_paper_json(start):
+            return read_paper_json(path, options)
+        return (read_motive if is_motive(start) else read_csv)(path, options)
     except TrackError as error:
         raise TrackError(f"{path}: {error}") from None
     except OSError as error:
