@@ -13,6 +13,8 @@ ROBOT = "robot"
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]([A-Za-z0-9_. -]{0,62}[A-Za-z0-9_.-])?$")]
 
+JointKind = Literal["fixed", "revolute", "prismatic"]
+
 
 class Body(Record):
     """An object on the table."""
@@ -43,7 +45,7 @@ class Joint(Record):
     What is left out follows from the geometry: see `Scene.joint_frame`.
     """
 
-    kind: Literal["fixed", "revolute", "prismatic"]
+    kind: JointKind
     parent: Name
     child: Name
     anchor: Point | None = None

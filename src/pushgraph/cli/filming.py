@@ -15,9 +15,7 @@ def film(
     noise: Annotated[float, typer.Option(min=0, max=0.1, help="Of every sighting's x and y (m).")] = 0.001,
     yaw_noise: Annotated[float, typer.Option(min=0, max=90, help="Of every sighting's yaw (degrees).")] = 0.5,
     dropped: Annotated[float, typer.Option(min=0, max=0.9, help="Share of frames that are lost.")] = 0.03,
-    frame: Annotated[str, typer.Option(help="'x y yaw' of the recording's origin in the world (m, degrees).")] = (
-        "0 0 0"
-    ),
+    frame: Annotated[str, typer.Option(help="'x y yaw' of the recording's origin in the world (m, rad).")] = ("0 0 0"),
     probe_off: Annotated[str, typer.Option(help="'x y': how far off the robot reports its tool (m).")] = "0 0",
     seed: Annotated[int, typer.Option(min=0, help="Of noise and lost frames.")] = 0,
 ) -> None:
@@ -27,7 +25,7 @@ def film(
 
     `pushgraph film simulated/track.h5 --out camera.csv`
 
-    `pushgraph film simulated/track.h5 --out moved.csv --frame "0.4 -0.2 90" --probe-off "0.002 0"`
+    `pushgraph film simulated/track.h5 --out moved.csv --frame "0.4 -0.2 1.571" --probe-off "0.002 0"`
     """
     import numpy as np
 
@@ -36,10 +34,9 @@ def film(
     from pushgraph.simulation.camera import film as film_track
     from pushgraph.track import Track
 
-    x, y, degrees = _numbers(frame, 3, "--frame")
-    camera = Camera(
-        rate, noise, np.radians(yaw_noise), dropped, (x, y, np.radians(degrees)), _numbers(probe_off, 2, "--probe-off")
-    )
+    x, y, yaw = _numbers(frame, 3, "--frame")
+    off_x, off_y = _numbers(probe_off, 2, "--probe-off")
+    camera = Camera(rate, noise, np.radians(yaw_noise), dropped, (x, y, yaw), (off_x, off_y))
     save_sightings(film_track(Track.load(track), np.random.default_rng(seed), camera), out)
     console.print(f"Written: {out}", soft_wrap=True, markup=False)
 

@@ -126,7 +126,7 @@ def recorded(path: Path) -> Filmed:
     if moving:
         raise EvaluationError(f"{path}: scene: joints of kind {moving[0].kind}; this suite is of fixed joints only")
     track = _seen(sightings, scene, f"{path}: ")
-    unseen = [name for name, ever in zip(track.nodes, track.seen.any(0).tolist(), strict=True) if not ever]
+    unseen = [name for k, name in enumerate(track.nodes) if not track.seen[:, k].any()]
     if unseen:
         raise EvaluationError(f"{path}: {', '.join(unseen)}: never seen, so where it ends is not known")
     last = len(track.times) - 1 - track.seen[::-1].argmax(0)

@@ -3,17 +3,15 @@
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Int
 
 from pushgraph import pose
-from pushgraph.body import Joint
+from pushgraph.body import Joint, JointKind
 from pushgraph.scene import Scene
 from pushgraph.simulation.placement import NEIGHBOUR_GAP
 
-JointKind = Literal["fixed", "revolute", "prismatic"]
 DYNAMICS: tuple[JointKind, ...] = ("fixed", "revolute", "prismatic")
 JOINTS = (2, 6)
 """Fewest and most joints of a scene, as far as its neighbours allow."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.body import ROBOT, Body, Joint
+from pushgraph.body import ROBOT, Body, Joint, JointKind
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.parting import parted
 from pushgraph.recording.sightings import ReadOptions, Sightings, SightingsBuilder
@@ -24,7 +24,7 @@ from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.tool import Part, Tool
 from pushgraph.track import FRAME
 
-JOINTS = {1: "fixed", 2: "prismatic", 3: "revolute"}
+JOINTS: dict[int, JointKind] = {1: "fixed", 2: "prismatic", 3: "revolute"}
 KINDS = {0: "cylinder", 1: "cuboid"}
 DEEPEST = 0.02
 """Bodies that first overlap by more than noise explains (m) have other sizes than the file says."""
