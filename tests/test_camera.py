@@ -137,3 +137,19 @@ def test_a_prior_changes_odds_by_its_factor_and_leaves_the_rest(belief: BeliefMo
 def test_what_is_no_prior_is_refused(prior: dict[str, float], says: str, belief: BeliefModel) -> None:
     with pytest.raises(BeliefError, match=says):
         belief.expecting(prior)
+
+
+def test_bodies_that_a_fast_tool_carries_through_lost_frames_are_no_frame_that_moved() -> None:
+    bodies = tuple(
+        Body(name=name, shape=Cylinder(diameter=0.12), pose_world_from_body=(0.0, y, 0.0), yaw_known=False)
+        for name, y in (("a", -0.07), ("b", 0.07))
+    )
+    scene = Scene(bodies=bodies, tool=Tool.round(0.1))
+    times = np.arange(41) * 0.05
+    poses = np.tile(np.vstack(([-0.09, 0.0, 0.0], scene.poses_world_from_body)), (41, 1, 1))
+    poses[..., 0] += 0.28 * np.clip(times - 0.2, 0, 1.4)[:, None]
+    track = Track(scene, times, poses, np.zeros(41, dtype=int), np.ones((41, 3), dtype=bool))
+    filmed = film(track, np.random.default_rng(3), Camera(dropped=0.3))
+    assert np.diff(filmed.time[filmed.node == 1]).max() > 0.09  # two frames in a row were lost
+    recording = recording_of(filmed, scene, {}, NOTHING_DECLARED, 0.0, False)
+    assert not [finding for finding in recording.findings if "leap as one" in str(finding)]

@@ -125,6 +125,8 @@ def test_help_shows_an_example_for_every_command(capsys) -> None:
         "evaluate physics",
         "evaluate belief",
         "evaluate coupled",
+        "evaluate camera",
+        "film",
     ):
         assert run(*command.split(), "--help") == 0
         assert f"pushgraph {command}" in capsys.readouterr().out

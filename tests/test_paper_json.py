@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pushgraph.cli import main
 from pushgraph.errors import EvaluationError, TrackError
 from pushgraph.evaluation.camera import AFTER_CONTACT, MODELS, STARTS, evaluate_recordings, recorded
 from pushgraph.recording.files import read_sightings
@@ -119,6 +120,21 @@ def test_recordings_make_the_figures_rows(tmp_path: Path) -> None:
     assert values["true_joints", "motion_cm", "all"] == pytest.approx(moved, abs=0.05)
     assert values["true_joints", "final_error_cm", AFTER_CONTACT[0]] < 0.1 * moved
     assert values["believed_joints", "final_error_cm", 80] < 0.2
+
+
+def test_the_command_writes_the_curves_and_names_what_is_no_prior(tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit) as done:
+        main(["evaluate", "camera", "--count", "2", "--workers", "1", "--out", str(tmp_path)])
+    assert not done.value.code
+    content = json.loads((tmp_path / "results.json").read_text())
+    assert (content["suite"], content["protocol"]["count"]) == ("camera", 2)
+    assert {tuple(set(row) & {"start", "objects"}) for row in content["rows"]} == {("start",)}
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
+    for prior, says in (("glued=1", "no joint 'glued'"), ("fixed", "valid: JOINT=NUMBER")):
+        with pytest.raises(SystemExit) as done:
+            main(["evaluate", "camera", "--count", "1", "--workers", "1", "--prior", prior, "--out", str(tmp_path)])
+        assert done.value.code
+        assert says in " ".join(capsys.readouterr().err.split())
 
 
 def test_recordings_without_their_truth_are_refused(tmp_path: Path) -> None:

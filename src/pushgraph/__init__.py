@@ -29,6 +29,7 @@ _MODULE_OF = {
     "Spread": "pushgraph.spread",
     **dict.fromkeys(("assumptions", "remarks"), "pushgraph.plausibility"),
     **dict.fromkeys(("PlanarSimulation", "simulate"), "pushgraph.simulation.planar"),
+    **dict.fromkeys(("Camera", "film"), "pushgraph.simulation.camera"),
     "PhysicsPredictor": "pushgraph.physics",
     "BeliefModel": "pushgraph.belief",
     "BeliefRegulator": "pushgraph.regulator",

@@ -18,7 +18,8 @@ def generate(
             help="multiple-parts; jointed: half of it with joints anywhere; planar: the training mixture; "
             "planar-mixed: that, of many sizes; different-masses: cylinders of three classes of mass; "
             "different-masses-mixed: that, of two objects up to --objects; "
-            "controlled-masses: 2 or 3 cylinders of which only the masses change."
+            "controlled-masses: 2 or 3 cylinders of which only the masses change; "
+            "camera: 2 to 5 glued cylinders without yaw, pushed once by a hammer."
         ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
