@@ -21,7 +21,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "pushgraph needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,cluster,rosbags,lerobot]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,cluster,rosbags,lerobot,arm]'
 	@touch $@
 
 demo: install
@@ -63,8 +63,8 @@ weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
 
 weights-propnet: data
-	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --batch 64 --learning-rate 1e-3 --hidden 256 \
-	  --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
+	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
+	  --hidden 256 --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors

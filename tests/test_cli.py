@@ -11,6 +11,7 @@ from scenes import body, workshop
 
 from pushgraph.cli import main
 from pushgraph.errors import ViewerError
+from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene, Table
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push
@@ -40,6 +41,25 @@ def test_simulate_writes_what_it_says_and_the_table_is_the_track(tmp_path: Path,
         assert animation.info["duration"] == pytest.approx(50, abs=10)
     with Image.open(tmp_path / "out" / "picture.png") as picture:
         assert picture.size[0] > 800
+
+
+def test_an_arm_simulates_writes_its_joints_and_is_shown(tmp_path: Path, capsys) -> None:
+    scene = workshop().replace(pushes=(Push(start=(-0.2, 0.0), end=(-0.1, 0.0)),))
+    path, out = tmp_path / "scene.json", tmp_path / "out"
+    path.write_text(scene.to_json())
+    arguments = ("simulate", str(path), "--out", str(out), "--animation", "none")
+    assert run(*arguments, "--robot", "ur10", "--render", str(out / "arm.gif")) == 0
+    assert {one.name for one in out.iterdir()} == {
+        "track.h5", "track.csv", "picture.png", "joint_trajectory.json", "arm.gif",
+    }  # fmt: skip
+    assert "arm.gif" in capsys.readouterr().out
+    assert Track.load(out / "track.h5").scene.arm is not None
+    assert len(JointTrajectory.load(out / "joint_trajectory.json").points) > 100
+    assert run(*arguments, "--render", "arm.gif") == 2
+    assert run(*arguments, "--robot", "ur5") == 2
+    path.write_text(scene.replace(pushes=(Push(start=(-0.9, 0.3), end=(-0.8, 0.3)),)).to_json())
+    assert run(*arguments, "--robot", "ur10") == 1
+    assert "pushes[0]: the tool at (-0.900, 0.300)" in capsys.readouterr().err
 
 
 def test_unknown_values_are_simulated_at_nominal_ones_and_it_says_so(tmp_path: Path, capsys) -> None:

@@ -23,6 +23,8 @@ ORDER = [
     "shape",
     "svg",
     "tool",
+    "arm",
+    "joint_trajectory",
     "body",
     "patch",
     "parts",

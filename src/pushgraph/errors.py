@@ -17,6 +17,10 @@ class SimulationError(PushGraphError):
     """The simulator cannot run this scene."""
 
 
+class ArmError(PushGraphError):
+    """The arm cannot do a push: out of reach, beyond a limit, or in its own way; or its extra is not installed."""
+
+
 class SetupError(PushGraphError):
     """A setup is unknown, or cannot be drawn with these numbers."""
 

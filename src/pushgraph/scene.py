@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from pydantic import Field, ValidationError, model_validator
 
 from pushgraph import pose
+from pushgraph.arm import Arm
 from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, signed_gap
 from pushgraph.errors import SceneError
@@ -105,6 +106,8 @@ class Scene(Record):
     tool: Tool = Tool.round(0.10)
     pushes: tuple[Push, ...] = ()
     table: Table = Table()
+    arm: Arm | None = None
+    """What holds the tool; None: not said."""
     side_friction: Annotated[float, Field(ge=0, le=2)] | None = NOMINAL_SIDE_FRICTION
     """Between bodies, and between bodies and tool; None: unknown."""
     unknown_pairs: tuple[tuple[Name, Name], ...] | Literal["unlisted"] = ()
@@ -330,6 +333,7 @@ class Scene(Record):
             joints=tuple(j.replace(anchor=point(j.anchor), axis=turned(j.axis)) for j in self.joints),
             pushes=tuple(push.moved(motion) for push in self.pushes),
             table=self.table.replace(pose_world_from_table=at(self.table.pose_world_from_table)),
+            arm=None if self.arm is None else self.arm.moved(motion),
         )
 
     def to_json(self, indent: int | None = 2) -> str:

@@ -21,10 +21,11 @@ for command in (
     recordings.observe,
     recordings.track,
     scenes.simulate,
-    planning.plan,
     data.generate,
 ):
     app.command()(command)
+# A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
+app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
 for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS).items():
     evaluating.app.command(name)(measure)

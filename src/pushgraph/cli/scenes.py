@@ -1,5 +1,6 @@
 """The commands about one scene: demo, predict, simulate."""
 
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
@@ -111,7 +112,7 @@ def predict(
             raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
     if beliefs is not None and "believed" not in (relations, masses):
         raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
-    _check_animation_option(animation)
+    check_animation_option(animation)
     given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
@@ -126,7 +127,7 @@ def predict(
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
-    _warn(assumptions(given) + simplifications(given, predictor.solves))
+    warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
@@ -136,33 +137,74 @@ def predict(
 def simulate(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    robot: Annotated[
+        str, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
+    ] = "kinematic",
+    render: Annotated[
+        Path | None, typer.Option(help="Also show the arm at work: a .gif, or an .mp4 (needs ffmpeg).")
+    ] = None,
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
+
+    With `--robot ur10` also what the arm's joints were told, with the fields of ROS's JointTrajectory.
 
     Examples:
 
     `pushgraph simulate scene.json --out result`
 
     `pushgraph simulate demo --animation none`
+
+    `pushgraph simulate demo --robot ur10 --render arm.gif`
     """
-    _simulate(scene, out or Path(Path(scene).stem), animation)
+    check_animation_option(animation)
+    check_choice("robot", robot, ("kinematic", "ur10"))
+    if render is not None and robot != "ur10":
+        raise typer.BadParameter("needs --robot ur10", param_hint="--render")
+    folder = out or Path(Path(scene).stem)
+    if robot == "ur10":
+        _simulate_with_arm(scene, folder, animation, render)
+    else:
+        _simulate(scene, folder, animation)
 
 
 def _simulate(source: str, out: Path, animation: str) -> None:
-    from pushgraph.plausibility import assumptions
     from pushgraph.simulation.planar import simulate
 
-    _check_animation_option(animation)
-    scene = load_scene(source)
-    known = scene.with_nominal_values()
-    _warn(assumptions(scene))
+    known = _with_nominal_values(source)
     with console.status(f"Simulating {len(known.pushes)} pushes"):
         track = simulate(known)
     _write_track(track, out, animation)
 
 
-def _check_animation_option(animation: str) -> None:
+def _simulate_with_arm(source: str, out: Path, animation: str, render: Path | None) -> None:
+    from pushgraph.simulation.arm import simulate_with_arm
+    from pushgraph.viewer.animation import check_animation
+    from pushgraph.viewer.arm_animation import save_arm_animation
+
+    if render is not None:
+        check_animation(render)
+    known = _with_nominal_values(source)
+    with console.status(f"Planning and simulating {len(known.pushes)} pushes by the arm"):
+        execution = simulate_with_arm(known)
+    outputs = [out / "joint_trajectory.json"]
+    execution.trajectory.save(outputs[0])
+    if render is not None:
+        outputs.append(render)
+        with console.status("Drawing the arm"):
+            save_arm_animation(execution, render)
+    _write_track(execution.track, out, animation, outputs)
+
+
+def _with_nominal_values(source: str):
+    from pushgraph.plausibility import assumptions
+
+    scene = load_scene(source)
+    warn(assumptions(scene))
+    return scene.with_nominal_values()
+
+
+def check_animation_option(animation: str) -> None:
     from pushgraph.viewer.animation import check_animation
 
     check_choice("animation", animation, ("gif", "mp4", "none"))
@@ -170,13 +212,14 @@ def _check_animation_option(animation: str) -> None:
         check_animation(f"animation.{animation}")
 
 
-def _warn(sentences: list[str]) -> None:
+def warn(sentences: list[str]) -> None:
     """Print what is assumed, or doubtful, a line each."""
     for sentence in sentences:
         console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _write_track(track, out: Path, animation: str) -> None:
+def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ()) -> None:
+    """Write a track and what shows it; `written`: what has been already."""
     from pushgraph.plausibility import remarks
     from pushgraph.viewer.animation import save_animation
     from pushgraph.viewer.picture import save_picture
@@ -189,9 +232,9 @@ def _write_track(track, out: Path, animation: str) -> None:
         if animation != "none":
             outputs.append(out / f"animation.{animation}")
             save_animation(track, outputs[-1])
-    console.print(_final_poses(track))
-    _warn(remarks(track))
-    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+    console.print(final_poses(track))
+    warn(remarks(track))
+    console.print("Written: " + ", ".join(str(path) for path in [*outputs, *written]), soft_wrap=True, markup=False)
 
 
 def load_scene(source: str):
@@ -209,7 +252,7 @@ def load_scene(source: str):
         raise
 
 
-def _final_poses(track) -> Table:
+def final_poses(track) -> Table:
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
     stated = _stated_at_the_end(track)

@@ -81,30 +81,33 @@ def candidates_of(scene: Scene, tools: str | Sequence[str] = "all") -> Candidate
     return Candidates.of(scene, load_tools(tools), sequences())
 
 
-def simulated_starts(
-    seed: int, workers: int = 1, progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[Start]:
-    """All starts; what is simulated is kept in the user's cache. progress: starts done, of how many."""
-    scenes = start_scenes(seed)
-    found: dict[str, np.ndarray] = {}
-    by_key = {scene.to_json(): scene for scene in scenes}
-    for done, (key, poses) in enumerate(run_in_processes(_poses_of, list(by_key), workers), start=1):
-        found[key] = poses
-        progress(done, len(scenes))
-    return [Start(scene, candidates_of(scene), found[scene.to_json()]) for scene in scenes]
-
-
-def _poses_of(scene_json: str) -> Float[np.ndarray, "plans frames 3"]:
-    """Of the cylinder in every frame of every plan, simulated, or from the cache."""
-    candidates = candidates_of(Scene.from_json(scene_json))
-    plans = json.dumps([plan.model_dump(mode="json", include={"tool", "pushes"}) for plan in candidates.plans])
-    path = cache_folder() / "tool_tasks" / f"{simulation_key(scene_json, plans)}.npy"
+def simulated_start(scene: Scene) -> Start:
+    """A start, and all that may be done; what is simulated is kept in the user's cache."""
+    candidates = candidates_of(scene)
+    plans = json.dumps([list(dict.fromkeys(candidates.tools)), [repr(push) for push in sequences()]])
+    path = cache_folder() / "tool_tasks" / f"{simulation_key(scene.to_json(), plans)}.npy"
     if path.is_file():
-        return np.load(path)
+        return Start(scene, candidates, np.load(path))
     poses = np.stack([_simulated(plan) for plan in candidates.plans])
     with replacing(path) as temporary:
         np.save(temporary, poses)
-    return poses
+    return Start(scene, candidates, poses)
+
+
+def goals_of_starts(
+    seed: int, workers: int = 1, progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[int]:
+    """How many goals every start has. progress: starts done, of how many."""
+    scenes = [scene.to_json() for scene in start_scenes(seed)]
+    found: dict[str, int] = {}
+    for done, (scene, goals) in enumerate(run_in_processes(_count_goals, scenes, workers), start=1):
+        found[scene] = goals
+        progress(done, len(scenes))
+    return [found[scene] for scene in scenes]
+
+
+def _count_goals(scene_json: str) -> int:
+    return len(simulated_start(Scene.from_json(scene_json)).goals)
 
 
 def _simulated(plan: Scene) -> Float[np.ndarray, "frames 3"]:

@@ -10,15 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from pushgraph.dataset.engines import run_in_processes
-from pushgraph.errors import EvaluationError, PlanningError
+from pushgraph.errors import ArmError, EvaluationError, PlanningError
 from pushgraph.evaluation.results import Results
-from pushgraph.evaluation.tool_tasks import Start, candidates_of, simulated_starts
+from pushgraph.evaluation.tool_tasks import Start, candidates_of, goals_of_starts, simulated_start, start_scenes
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning.costs import Cost, position_cost
 from pushgraph.planning.dynamics import Dynamics, learned, simulated
 from pushgraph.planning.plan import Plan
+from pushgraph.planning.reach import arm_reach
 from pushgraph.planning.tools import TOOLS
 from pushgraph.scene import Scene
+from pushgraph.simulation.arm import simulate_with_arm
 from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import FIRST_TEST_SEED
 from pushgraph.track import Track
@@ -69,8 +71,8 @@ def evaluate_tools(
     """
     if seed < FIRST_TEST_SEED:
         raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
-    starts = simulated_starts(seed, workers, functools.partial(progress, "starts"))
-    tasks = [(index, goal) for index, start in enumerate(starts) for goal in range(len(start.goals))]
+    goals = goals_of_starts(seed, workers, functools.partial(progress, "starts"))
+    tasks = [(index, goal) for index, number in enumerate(goals) for goal in range(number)]
     every = np.linspace(0, len(tasks) - 1, min(count or len(tasks), len(tasks))).round().astype(int)
     chosen = [tasks[k] for k in every]
     jobs = []
@@ -100,7 +102,7 @@ class Job(NamedTuple):
 
 def _measure_start(job: Job) -> tuple[list[Attempt], list[tuple[str, float]]]:
     seed, index, tasks, contact, timed = job
-    start = simulated_starts(seed)[index]
+    start = simulated_start(start_scenes(seed)[index])
     dynamics = learned(PhysicsPredictor.load(contact))
     dynamics(start.candidates.plans[:1])  # compiles, where nothing is compiled yet
     begun = time.perf_counter()
@@ -110,67 +112,93 @@ def _measure_start(job: Job) -> tuple[list[Attempt], list[tuple[str, float]]]:
         begun = time.perf_counter()
         simulated(candidates_of(start.scene).plans)
         seconds.append(("mujoco", time.perf_counter() - begun))
-    executed = functools.cache(_executed)
+    bench = _Bench(start, dynamics)
     attempts: list[Attempt] = []
     for task, goal in tasks:
-        place = start.goals[goal]
-        for model, tracks in (("learned", predicted), ("mujoco", start.tracks)):
-            attempts += _attempts(task, start, place, model, tracks, dynamics, executed)
+        attempts += bench.attempts(task, "learned", start.goals[goal], predicted, replans=REPLANS, arm=True)
+        attempts += bench.attempts(task, "mujoco", start.goals[goal], start.tracks)
     return attempts, seconds
 
 
-def _attempts(
-    task: int,
-    start: Start,
-    place: np.ndarray,
-    model: str,
-    tracks: Sequence[Track],
-    dynamics: Dynamics,
-    executed: Callable[[Scene], Scene],
-) -> list[Attempt]:
-    cost = position_cost(start.scene, "object", *place.tolist())
-    still = float(np.hypot(*(start.scene.poses_world_from_body[0, :2] - place)))
-    attempts = []
-    for tool in (*TOOLS, ALL):
+class _Bench:
+    """Tries the tasks of one start."""
+
+    def __init__(self, start: Start, dynamics: Dynamics) -> None:
+        self.start, self.dynamics = start, dynamics
+        self.executed = functools.cache(_executed)
+        tools, plans = start.candidates.tools, start.candidates.plans
+        self.of_tool = {name: [k for k, tool in enumerate(tools) if tool == name] for name in TOOLS}
+        self.of_tool[ALL] = list(range(len(plans)))
+        self.in_reach = [k for k, plan in enumerate(plans) if arm_reach(plan, plan.pushes[0]) is None]
+
+    def attempts(
+        self, task: int, model: str, place: np.ndarray, tracks: Sequence[Track], replans: int = 0, arm: bool = False
+    ) -> list[Attempt]:
+        """One task with every tool alone and with all. replans: 0 leaves the closed loop out."""
+        cost = position_cost(self.start.scene, "object", *place.tolist())
+        found = []
+        for tool, which in self.of_tool.items():
+            plan = self._plan(which, tracks, cost)
+            errors = [_distance(self.start.scene if plan is None else self.executed(plan.scene), place)]
+            found.append(Attempt(task, model, tool, "predicted", "open", errors[0] if plan is None else plan.cost))
+            found.append(Attempt(task, model, tool, "tool", "open", errors[0]))
+            if replans:
+                closed = errors[0] if plan is None else self._closed_loop(plan, tool, place, cost, replans)
+                found.append(Attempt(task, model, tool, "tool", "closed", closed))
+        if arm:
+            by_arm = self._plan(self.in_reach, tracks, cost)
+            found.append(Attempt(task, model, ALL, "arm", "open", self._error_of_arm(by_arm, place)))
+        return found
+
+    def _plan(self, which: Sequence[int], tracks: Sequence[Track], cost: Cost) -> Plan | None:
+        """The best of these plans; None if there are none."""
         try:
-            candidates, some = start.candidates.of_tool(tool, tracks) if tool != ALL else (start.candidates, tracks)
-            plan = candidates.best(some, cost)
+            candidates, some = self.start.candidates.only(which, tracks)
         except PlanningError:
-            attempts += [Attempt(task, model, tool, how, "open", still) for how in ("predicted", "tool")]
-            attempts += [Attempt(task, model, tool, "tool", "closed", still)] * (model == "learned")
-            continue
-        scene = executed(plan.scene)
-        errors = [_distance(scene, place)]
-        attempts.append(Attempt(task, model, tool, "predicted", "open", plan.cost))
-        attempts.append(Attempt(task, model, tool, "tool", "open", errors[0]))
-        if model == "learned":
-            for _ in range(REPLANS):
-                again = _plan_again(scene, tool, dynamics, cost)
-                if errors[-1] <= NEAR_ENOUGH or again is None or again.cost >= errors[-1]:
-                    break
-                scene = executed(again.scene)
-                errors.append(_distance(scene, place))
-            attempts.append(Attempt(task, model, tool, "tool", "closed", errors[-1]))
-    return attempts
+            return None
+        return candidates.best(some, cost)
 
+    def _closed_loop(self, plan: Plan, tool: str, place: np.ndarray, cost: Cost, replans: int) -> float:
+        """Distance from the goal after a plan and others after it; the tool comes down where it came down first."""
+        scene = self.executed(plan.scene)
+        for _ in range(replans if plan.pushes else 0):
+            error = _distance(scene, place)
+            if error <= NEAR_ENOUGH:
+                break
+            try:
+                candidates = candidates_of(scene, tool)
+            except PlanningError:
+                break
+            again = candidates.best(self.dynamics(candidates.plans), cost)
+            if again.cost >= error:
+                break
+            scene = self.executed(again.scene)
+        return _distance(scene, place)
 
-def _plan_again(scene: Scene, tool: str, dynamics: Dynamics, cost: Cost) -> Plan | None:
-    """The tool is lifted, and comes down where it came down first; None if nothing may be tried."""
-    try:
-        candidates = candidates_of(scene, tool)
-    except PlanningError:
-        return None
-    return candidates.best(dynamics(candidates.plans), cost)
+    def _error_of_arm(self, plan: Plan | None, place: np.ndarray) -> float:
+        """Distance from the goal as the arm executes a plan; that of the start, if it cannot."""
+        if plan is not None and plan.pushes:
+            try:
+                end = simulate_with_arm(_resting(plan.scene)).track.poses[-1, 1]
+                return float(np.hypot(*(end[:2] - place)))
+            except ArmError:
+                pass
+        return _distance(self.start.scene, place)
 
 
 def _executed(plan: Scene) -> Scene:
     """The scene after a plan, as simulated."""
     if not plan.pushes:
         return plan
-    (push,), (body,) = plan.pushes, plan.bodies
-    end = simulate(plan.model_copy(update={"pushes": (push.replace(rest=REST),)})).poses[-1, 1]
+    (body,) = plan.bodies
+    end = simulate(_resting(plan)).poses[-1, 1]
     moved = body.replace(pose_world_from_body=tuple(end.tolist()))
     return plan.model_copy(update={"bodies": (moved,), "pushes": ()})
+
+
+def _resting(plan: Scene) -> Scene:
+    """The plan with a rest after its push."""
+    return plan.model_copy(update={"pushes": tuple(push.replace(rest=REST) for push in plan.pushes)})
 
 
 def _distance(scene: Scene, place: np.ndarray) -> float:

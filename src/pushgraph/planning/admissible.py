@@ -21,8 +21,13 @@ def refusals(plans: Sequence[Scene], reach: Reach | None = None) -> list[str | N
 
     reach: asked about every push, if given.
     """
+    paths: dict[tuple, str | None] = {}
+    for plan in plans:  # many go alike with other tools
+        path = _path(plan)
+        if path not in paths:
+            paths[path] = _leaves_table(plan)
     return [
-        fault or _leaves_table(plan) or _out_of_reach(plan, reach)
+        fault or paths[_path(plan)] or _out_of_reach(plan, reach)
         for plan, fault in zip(plans, _coming_down(plans), strict=True)
     ]
 
@@ -62,6 +67,10 @@ def _too_near(plan: Scene, gaps: Float[np.ndarray, " bodies"]) -> str | None:
         f"the tool would come down at ({x:g}, {y:g}) {1e3 * gaps.min():.0f} mm from body "
         f"{plan.names[int(gaps.argmin())]!r}; a clearance of {1e3 * clearance:g} mm is asked for"
     )
+
+
+def _path(plan: Scene) -> tuple[int, ...]:
+    return id(plan.table), *map(id, plan.pushes)
 
 
 def _leaves_table(plan: Scene) -> str | None:

@@ -50,15 +50,11 @@ class Candidates:
         left = admitted(plans, reach)
         return cls([names[k] for k in left], [plans[k] for k in left])
 
-    def of_tool(self, tool: str, tracks: Sequence[Track]) -> tuple["Candidates", Sequence[Track]]:
-        """Those with one of the tools, and their tracks; raises PlanningError if there are none."""
-        of_it = [k for k, name in enumerate(self.tools) if name == tool]
-        if not of_it:
-            raise PlanningError(
-                f"no plan with tool {tool!r} may be tried; left: {', '.join(dict.fromkeys(self.tools))}"
-            )
-        chosen = Candidates([tool] * len(of_it), [self.plans[k] for k in of_it])
-        return chosen, [tracks[k] for k in of_it]
+    def only(self, which: Sequence[int], tracks: Sequence[Track]) -> tuple["Candidates", Sequence[Track]]:
+        """Some of them, and their tracks; raises PlanningError if these are none."""
+        if not which:
+            raise PlanningError("none of the plans asked for may be tried")
+        return Candidates([self.tools[k] for k in which], [self.plans[k] for k in which]), [tracks[k] for k in which]
 
     def best(self, tracks: Sequence[Track], cost: Cost) -> Plan:
         """The plan whose track comes to the least cost in any of its frames, ended there."""

@@ -50,6 +50,10 @@ class OwnFrame:
         """Poses seen from here, in the world."""
         return pose.compose(self._pose_world_from_own, poses_own)
 
+    def poses_from_world(self, poses_world: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Poses in the world, seen from here."""
+        return pose.compose(self._pose_own_from_world, poses_world)
+
     def wrench_in_world(self, wrench_own: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """A force along x and y and a moment, along the world's axes."""
         force = pose.rotate(wrench_own[:2], self._pose_world_from_own[2])

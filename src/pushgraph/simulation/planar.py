@@ -91,12 +91,7 @@ class PlanarSimulation:
                 "with PlanarSimulation(scene, force_limits=True)"
             )
         motion = ToolMotion(self._frame.push(push), self.scene.tool)
-        start = motion.pose(0.0)
-        if self._frames:
-            for above in (self._tool_pose, start):
-                self._step_lifted(above)
-                self._record(above, LIFTED)
-            self._step_lifted(start)
+        start = self._come_down(motion.pose(0.0))
         index = len(self._pushes)
         if fault := start_fault(self.scene, index, self._frame.poses_in_world(start), self.poses):
             raise SimulationError(fault)
@@ -126,6 +121,15 @@ class PlanarSimulation:
             seen=np.ones(poses.shape[:2], dtype=bool),
             wrench=np.array(self._wrenches or [np.zeros(3)]),
         )
+
+    def _come_down(self, start: np.ndarray) -> np.ndarray:
+        """Lift the tool and bring it to the start of a push; where it then comes down, in the own frame."""
+        if self._frames:
+            for above in (self._tool_pose, start):
+                self._step_lifted(above)
+                self._record(above, LIFTED)
+            self._step_lifted(start)
+        return start
 
     def _driven(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Drive the tool along its motion, so many steps a frame: its pose after each frame, and the wrench on it."""
@@ -173,6 +177,13 @@ class PlanarSimulation:
                 pose = motion.pose(time)
                 slip = self._robot_position[_CLUTCH] + step * (catch_up if goes_on else drive)
             yield pose + slip * along, force[[0, 1, -1]] / steps
+
+    def _step_down(self, pose_of_tool: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Step with the tool down at a pose and moving; the wrench on it, all in the own frame."""
+        self._robot_position[:] = self._robot_joints(pose_of_tool[None], -LIFT_HEIGHT)[0]
+        self._robot_velocity[:] = self._robot_joints(velocity[None], 0.0)[0]
+        mujoco.mj_step(self._model.mujoco, self._data)
+        return self._robot_force[[0, 1, -1]]
 
     def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
         """Positions of the robot's joints for poses of the tool, or their velocities; a clutch holds."""

@@ -1,11 +1,12 @@
 """An animation of a track, seen from above."""
 
+import contextlib
 import os
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -38,7 +39,6 @@ def save_animation(track: Track | Mapping[str, Track], path: str | os.PathLike) 
     tracks = {"": track} if isinstance(track, Track) else dict(track)
     longest = max(tracks.values(), key=lambda one: len(one.times))
     stride = max(1, -(-len(longest.times) // MOST_PICTURES))
-    writer_class = PillowWriter if Path(path).suffix.lower() == ".gif" else FFMpegWriter
     figure = Figure(figsize=(SIZE * len(tracks), SIZE), dpi=DPI)
     FigureCanvasAgg(figure)
     limits = view_limits(list(tracks.values()))
@@ -47,14 +47,22 @@ def save_animation(track: Track | Mapping[str, Track], path: str | os.PathLike) 
         axes = figure.add_axes(((column + 0.14) / len(tracks), 0.1, 0.82 / len(tracks), 0.82))
         prepare(axes, limits, "")
         panels.append((one, SceneArtist(axes, one.scene), axes.set_title(" "), title))
+    with opened_writer(figure, path, stride) as writer:
+        for frame in range(0, len(longest.times), stride):
+            for one, scene, heading, title in panels:
+                last = min(frame, len(one.times) - 1)
+                scene.move(one.poses[last], bool(one.down[last]))
+                heading.set_text(f"{title + ', ' if title else ''}{longest.times[frame]:.2f} s")
+            writer.grab_frame()
+
+
+@contextlib.contextmanager
+def opened_writer(figure: Figure, path: str | os.PathLike, stride: int) -> Iterator[AbstractMovieWriter]:
+    """What grabs the figure, once every `stride` frames of a track, into an animation that ends up at `path`."""
+    writer_class = PillowWriter if Path(path).suffix.lower() == ".gif" else FFMpegWriter
     writer = writer_class(fps=1 / (FRAME * stride))
     try:
         with replacing(path) as temporary, writer.saving(figure, str(temporary), DPI):
-            for frame in range(0, len(longest.times), stride):
-                for one, scene, heading, title in panels:
-                    last = min(frame, len(one.times) - 1)
-                    scene.move(one.poses[last], bool(one.down[last]))
-                    heading.set_text(f"{title + ', ' if title else ''}{longest.times[frame]:.2f} s")
-                writer.grab_frame()
+            yield writer
     except subprocess.CalledProcessError as error:
         raise ViewerError(f"{path}: ffmpeg failed with exit status {error.returncode}; ask for a .gif") from None
