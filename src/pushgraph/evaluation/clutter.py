@@ -81,7 +81,7 @@ def evaluate_clutter(
 ) -> tuple[Results, list[ClutterScene]]:
     """Run closed loops in `count` test scenes for each number of objects; see `measure_blocks`.
 
-    models: the checkpoints `contact`, which predicts, and `belief`, which watches.
+    models: the checkpoints `contact`, which predicts, and `belief`, which watches. contenders: of CONTENDERS.
     """
     work = partial(run_block, contenders=tuple(contenders))
     scenes = measure_blocks(work, objects, count, seed, models, workers, progress, block=BLOCK)

@@ -28,19 +28,19 @@ OWN_TOOL = "own"
 class Sampling:
     """How much is tried.
 
-    candidates: first draws. rounds: how often it is drawn again around the best, and how many each time. elites: how
-    many those are. scale: of the first such draws, see `Aims.varied`; it halves every time. pushes: at most, with the
-    tool lifted between. branches: first pushes that are gone on with. speed: m/s. longest: of a push (m). seconds:
-    what is not tried by then is left out; None: everything is tried.
+    candidates: first draws. rounds: how often it is drawn again around the best. varied: how many each time. elites:
+    how many the best are. scale: of the first such draws, see `Aims.varied`; it halves every time. pushes: at most,
+    with the tool lifted between. branches: plans that are tried to their end, and gone on with if there may be more
+    pushes. speed: m/s. longest: of a push (m). seconds: what is not tried by then is left out; None: all is tried.
     """
 
-    candidates: int = 64
+    candidates: int = 32
     rounds: int = 2
-    varied: int = 32
-    elites: int = 8
+    varied: int = 16
+    elites: int = 4
     scale: float = 0.25
     pushes: int = 1
-    branches: int = 4
+    branches: int = 3
     speed: float = 0.2
     longest: float = 0.45
     seconds: float | None = None
