@@ -172,6 +172,11 @@ def test_what_does_not_fit_is_refused(predictor):
             pg.plan(CROWD, goal, simulated)
 
 
+def test_sampling_needs_something_to_try():
+    with pytest.raises(PlanningError, match="elites must be at least 1, got 0"):
+        Sampling(elites=0)
+
+
 def test_plan_chooses_among_tools_and_says_how_far_it_is(predictor):
     told = []
     tools = [NamedTool("thin", Tool.round(0.02)), NamedTool("thick", Tool.round(0.08))]

@@ -94,7 +94,7 @@ COMMANDS: dict[str, Callable[..., None]] = {"tools": tools, "clutter": clutter}
 
 def _clutter_table(results, count: int) -> Table:
     table = Table(title=f"{count} scenes, joints unknown (95 % interval over scenes in results.json)", pad_edge=False)
-    columns = ("within 3 cm", "and 15 degrees", "error (cm)", "pushes", "planning (s)", "ece")
+    columns = ("3 cm", "15 deg", "error (cm)", "pushes", "plan (s)", "ece")
     for name in ("goal", "model", *columns):
         table.add_column(name, justify="left" if name in ("goal", "model") else "right")
     values = {(row["goal"], row["model"], row["metric"]): row["value"] for row in results.rows}
