@@ -59,6 +59,7 @@ ORDER = [
     "training",
     "evaluation",
     "viewer",
+    "environment",
     "cli",
 ]
 

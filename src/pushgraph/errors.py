@@ -57,6 +57,10 @@ class PlanningError(PushGraphError):
     """A goal, a tool or a plan is not possible."""
 
 
+class EpisodeError(PushGraphError):
+    """An environment cannot be made, begun or stepped as asked."""
+
+
 class BeliefError(PushGraphError):
     """What was observed cannot be, or cannot be learnt from."""
 

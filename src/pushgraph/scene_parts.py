@@ -24,6 +24,11 @@ class SceneInParts(NamedTuple):
     """Index of the first part of each body."""
     pose_body_from_first: Float[np.ndarray, "bodies 3"]
 
+    @property
+    def owner(self) -> Int[np.ndarray, " parts"]:
+        """Index of the body of each part."""
+        return np.searchsorted(self.first, np.arange(len(self.scene.bodies)), "right") - 1
+
     def body_poses(
         self, poses_world_from_part: Float[np.ndarray, "*batch parts 3"]
     ) -> Float[np.ndarray, "*batch bodies 3"]:

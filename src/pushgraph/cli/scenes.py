@@ -205,6 +205,7 @@ def _with_nominal_values(source: str):
 
 
 def check_animation_option(animation: str) -> None:
+    """Refuse an animation that cannot be made, before anything else is done."""
     from pushgraph.viewer.animation import check_animation
 
     check_choice("animation", animation, ("gif", "mp4", "none"))
@@ -253,6 +254,7 @@ def load_scene(source: str):
 
 
 def final_poses(track) -> Table:
+    """Where everything ended, and how far off that may be, if the track states it."""
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
     stated = _stated_at_the_end(track)

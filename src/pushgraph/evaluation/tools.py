@@ -220,8 +220,8 @@ def _results(measures: ToolMeasures, seed: int) -> Results:
         labels = dict(tool=tool, executed=executed, loop=loop)
         results.add(model, "mean_error_cm", "cm", 100 * errors, tasks, **labels)
         for metric, enough in SUCCESSES.items():
-            results.add(model, metric, "1", errors < enough, tasks, **labels)
-        results.add(model, "tasks", "1", np.array([len(some)]), np.zeros(1, dtype=int), **labels)
+            results.add(model, metric, "1", (errors < enough).astype(float), tasks, **labels)
+        results.add(model, "tasks", "1", np.array([float(len(some))]), np.zeros(1, dtype=int), **labels)
     for model in dict.fromkeys(model for model, _ in measures.planning):
         seconds = np.array([took for name, took in measures.planning if name == model])
         labels = dict(tool=ALL, executed=ALL, loop="open")

@@ -1,6 +1,6 @@
 """Try every tool with every sequence of pushes, and take the best (paper, section IV)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,9 @@ from pushgraph.scene import Scene
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, Track
 
+TOGETHER = 64
+"""Plans that are tried side by side: those of one tool, as a rule."""
+
 
 def plan_exhaustively(
     scene: Scene,
@@ -23,15 +26,20 @@ def plan_exhaustively(
     tools: Sequence[NamedTool],
     pushes: Sequence[Push],
     reach: Reach | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Plan:
     """The tool and the push for which the cost is least, of all that may be tried; the plan ends in the best frame.
 
     pushes: the same for every tool, with `times`, so that they can end in any frame; see
-    `pushgraph.planning.sequences`.
-    Raises PlanningError if none may be tried: see `pushgraph.planning.admissible`.
+    `pushgraph.planning.sequences`. progress: plans tried, of how many. Raises PlanningError if none may be tried: see
+    `pushgraph.planning.admissible`.
     """
     candidates = Candidates.of(scene, tools, pushes, reach)
-    return candidates.best(dynamics(candidates.plans), cost)
+    tracks: list[Track] = []
+    for first in range(0, len(candidates.plans), TOGETHER):
+        tracks += dynamics(candidates.plans[first : first + TOGETHER])
+        progress(len(tracks), len(candidates.plans))
+    return candidates.best(tracks, cost)
 
 
 class Candidates:

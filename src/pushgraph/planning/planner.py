@@ -45,7 +45,7 @@ def plan(
     if pushes:
         if not tools:
             raise PlanningError("pushes: need tools to be tried with; pushgraph.planning.tools.load_tools reads some")
-        return plan_exhaustively(scene, cost_of(scene, goal), dynamics, tools, pushes, reach)
+        return plan_exhaustively(scene, cost_of(scene, goal), dynamics, tools, pushes, reach, progress)
     rng = np.random.default_rng(0) if rng is None else rng
     if not tools:
         return plan_continuously(scene, goal, dynamics, rng, sampling, risk, reach, progress)

@@ -1,5 +1,6 @@
 """The distributions that trajectories are drawn from, by name."""
 
+import contextlib
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -134,6 +135,18 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
         f"setup {setup!r} with {objects} objects: {ATTEMPTS} scenes in a row came to nothing "
         f"({', '.join(f'{reason}: {count}' for reason, count in rejected.items())}); use fewer objects"
     )
+
+
+def draw_setup(setup: str, objects: int, rng: np.random.Generator) -> Scene:
+    """A scene of a setup, without pushes.
+
+    Raises SetupError if the setup is unknown or not of so many objects, or a hundred draws in a row come to nothing.
+    """
+    plan = find_setup(setup, objects)
+    for _ in range(ATTEMPTS):
+        with contextlib.suppress(NoRoom, _TooFewNeighbours):
+            return plan(rng, objects, int(rng.integers(len(KINDS) * 4))).scene.replace(pushes=())
+    raise SetupError(f"setup {setup!r} with {objects} objects: no room in {ATTEMPTS} scenes; use fewer objects")
 
 
 def find_setup(name: str, objects: int) -> Setup:
