@@ -95,10 +95,12 @@ def test_the_examples_run_and_are_short(example: Path, tmp_path: Path) -> None:
     assert run([sys.executable, str(example)], tmp_path)
 
 
-def test_the_plan_in_the_manual_runs_as_printed(tmp_path: Path) -> None:
+def test_the_plans_in_the_manual_run_as_printed(tmp_path: Path) -> None:
     manual = (ROOT / "docs" / "planning.md").read_text()
-    (code,) = re.findall(r"```python\n(.*?)```", manual, re.S)
-    assert run([sys.executable, "-c", code], tmp_path).split()[0] in TOOLS
+    first, *others = re.findall(r"```python\n(.*?)```", manual, re.S)
+    assert run([sys.executable, "-c", first], tmp_path).split()[0] in TOOLS
+    for code in others:
+        assert "Push(start" in run([sys.executable, "-c", code], tmp_path)
     (tool,) = re.findall(r"```json\n(.*?)```", manual, re.S)
     (tmp_path / "own.json").write_text(tool)
     assert len(load_tool(tmp_path / "own.json").tool.parts) == 3

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import flat_tool
 
 import pushgraph as pg
 from pushgraph.body import Body
@@ -105,6 +106,15 @@ def test_the_first_push_drawn_goes_through_the_body_to_its_place():
     # Clear of the disc's 5 cm and the tool's 3 cm, to the next centimetre.
     assert push.start[1] == pytest.approx(-0.09)
     assert push.direction == pytest.approx(math.pi / 2)
+
+
+def test_a_round_tool_is_not_turned_and_another_one_is():
+    rng = np.random.default_rng(0)
+    for tool, turned in ((Tool.round(0.06), False), (flat_tool(0.02, 0.2), True)):
+        scene = ALONE.replace(tool=tool)
+        aims = first_aims(rng, scene, scene.poses_world_from_body, 0, (0.2, 0.0), 20)
+        assert (len(set(aims.yaw)) > 1) == turned
+        assert (aims.varied(rng, 1, 0.1, scene).yaw[0] in aims.yaw) != turned
 
 
 def test_a_push_begins_behind_what_stands_in_its_way():

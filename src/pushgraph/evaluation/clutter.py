@@ -170,7 +170,7 @@ def run(
 def _add_rows(results: Results, model: str, runs: Sequence[Run], **labels: Any) -> None:
     every = np.arange(len(runs))
 
-    def add(metric: str, unit: str, values: Sequence[float]) -> None:
+    def add(metric: str, unit: str, values: list) -> None:
         results.add(model, metric, unit, np.array(values, dtype=float), every, **labels)
 
     distance = [run.error[0] for run in runs]

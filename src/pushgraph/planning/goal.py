@@ -8,6 +8,7 @@ from pydantic import Field
 
 from pushgraph.body import Name
 from pushgraph.errors import PlanningError
+from pushgraph.pose import wrap_angle
 from pushgraph.record import Record
 from pushgraph.scene import Scene
 from pushgraph.shape import Angle, Point
@@ -44,7 +45,7 @@ class Goal(Record):
     def error(self, pose_world_from_body: np.ndarray) -> tuple[float, float]:
         """How far the body is off its place (m) and its turn (rad, 0 if any will do)."""
         distance = math.dist(self.position, pose_world_from_body[:2])
-        turn = 0.0 if self.yaw is None else abs(math.remainder(pose_world_from_body[2] - self.yaw, math.tau))
+        turn = 0.0 if self.yaw is None else abs(float(wrap_angle(pose_world_from_body[2:] - self.yaw)[0]))
         return distance, turn
 
     def reached(self, pose_world_from_body: np.ndarray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pushgraph.errors import PlanningError
 from pushgraph.planning.admissible import Reach, refusals
-from pushgraph.planning.aims import Aims, aimed_pushes, first_aims, reach_of
+from pushgraph.planning.aims import Aims, aimed_pushes, first_aims
 from pushgraph.planning.costs import cost_of
 from pushgraph.planning.dynamics import Dynamics
 from pushgraph.planning.goal import Goal, index_of
@@ -139,7 +139,7 @@ class _Search:
                     continue
                 best = Aims(*(np.concatenate(column) for column in zip(*(one.aim for one in elites), strict=True)))
                 count = -(-sampling.varied // len(roots))
-                drawn = best.varied(rng, count, sampling.scale / 2 ** (k - 1), reach_of(self.scene))
+                drawn = best.varied(rng, count, sampling.scale / 2 ** (k - 1), self.scene)
             pushes = aimed_pushes(
                 self.scene, poses, drawn, self.body, self.goal.position, sampling.speed, sampling.longest
             )
