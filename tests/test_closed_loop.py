@@ -8,8 +8,9 @@ import pytest
 
 from pushgraph.belief import BeliefModel
 from pushgraph.body import Body, Joint
-from pushgraph.errors import PlanningError
-from pushgraph.evaluation.clutter import AWAY, MARGIN, draw_goal
+from pushgraph.errors import EvaluationError, PlanningError
+from pushgraph.evaluation import clutter
+from pushgraph.evaluation.clutter import AWAY, MARGIN, draw_goal, evaluate_clutter
 from pushgraph.physics import Beliefs, PhysicsPredictor
 from pushgraph.planning.closed_loop import SimulatedEnvironment, how_likely, push_to_goal
 from pushgraph.planning.dynamics import learned
@@ -120,4 +121,20 @@ def test_goals_of_the_suite_are_on_the_table_away_and_turned():
         body = PAIR.bodies[PAIR.names.index(goal.body)]
         assert math.dist(goal.position, body.pose_world_from_body[:2]) == pytest.approx(AWAY)
         assert max(map(abs, goal.position)) <= 1.0 - MARGIN
-        assert abs(goal.yaw) <= math.pi / 2
+        assert goal.error(np.array(body.pose_world_from_body))[1] <= math.pi / 2
+
+
+def test_the_suite_says_how_often_goals_are_reached(monkeypatch):
+    few = Sampling(candidates=8, rounds=1, varied=4, elites=2, branches=1)
+    monkeypatch.setattr(clutter, "Sampling", lambda seconds: few)
+    models = {"contact": "contact", "belief": "belief"}
+    results, scenes = evaluate_clutter((6,), 1, 1_000_000, models, contenders=("no_joint",))
+    values = {(row["goal"], row["metric"]): row["value"] for row in results.rows}
+    for goal in ("position", "pose"):
+        run = scenes[0].runs["no_joint", goal]
+        assert values[goal, "success_3cm"] == (run.error[0] <= 0.03)
+        assert values[goal, "pushes"] == len(run.planning) == len(run.said)
+        assert values[goal, "planning_s"] == pytest.approx(np.mean(run.planning))
+    assert values["pose", "success_pose"] == scenes[0].runs["no_joint", "pose"].reached
+    with pytest.raises(EvaluationError, match="seed 1: seeds below"):
+        evaluate_clutter((6,), 1, 1, models)

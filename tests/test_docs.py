@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from pushgraph.planning.tools import TOOLS, load_tool
 from pushgraph.scene import Scene
 from pushgraph.shape import Polygon
 from pushgraph.simulation.planar import simulate
@@ -49,6 +50,9 @@ def check_output(command: str, out: Path) -> None:
         assert {path.name for path in out.iterdir()} == wanted
     if command.split()[1] == "observe":
         assert {path.name for path in out.iterdir()} == {"beliefs.json", "beliefs.png", "scene.json"}
+    if command.split()[1] == "plan":
+        wanted = {"plan.json", "expected.h5", "executed.h5", "picture.png", "animation.gif"}
+        assert {path.name for path in out.iterdir()} == wanted
     if command.split()[1] == "evaluate":
         content = json.loads((out / "results.json").read_text())
         assert (content["suite"], content["protocol"]["seed"]) == ("physics", 1_000_000)
@@ -89,3 +93,14 @@ def test_the_scene_in_the_manual_is_valid() -> None:
 def test_the_examples_run_and_are_short(example: Path, tmp_path: Path) -> None:
     assert len(example.read_text().splitlines()) < 80
     assert run([sys.executable, str(example)], tmp_path)
+
+
+def test_the_plans_in_the_manual_run_as_printed(tmp_path: Path) -> None:
+    manual = (ROOT / "docs" / "planning.md").read_text()
+    first, *others = re.findall(r"```python\n(.*?)```", manual, re.S)
+    assert run([sys.executable, "-c", first], tmp_path).split()[0] in TOOLS
+    for code in others:
+        assert "Push(start" in run([sys.executable, "-c", code], tmp_path)
+    (tool,) = re.findall(r"```json\n(.*?)```", manual, re.S)
+    (tmp_path / "own.json").write_text(tool)
+    assert len(load_tool(tmp_path / "own.json").tool.parts) == 3

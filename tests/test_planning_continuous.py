@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import flat_tool
 
 import pushgraph as pg
 from pushgraph.body import Body
@@ -107,6 +108,15 @@ def test_the_first_push_drawn_goes_through_the_body_to_its_place():
     assert push.direction == pytest.approx(math.pi / 2)
 
 
+def test_a_round_tool_is_not_turned_and_another_one_is():
+    rng = np.random.default_rng(0)
+    for tool, turned in ((Tool.round(0.06), False), (flat_tool(0.02, 0.2), True)):
+        scene = ALONE.replace(tool=tool)
+        aims = first_aims(rng, scene, scene.poses_world_from_body, 0, (0.2, 0.0), 20)
+        assert (len(set(aims.yaw)) > 1) == turned
+        assert (aims.varied(rng, 1, 0.1, scene).yaw[0] in aims.yaw) != turned
+
+
 def test_a_push_begins_behind_what_stands_in_its_way():
     aim = Aims(np.array([0]), np.array([0.0]), np.array([0.0]), np.array([0.0]))
     push = aimed_pushes(CROWD, CROWD.poses_world_from_body, aim, 0, (0.2, 0.0), 0.2, 0.45)[0]
@@ -170,6 +180,11 @@ def test_what_does_not_fit_is_refused(predictor):
             drawn(predictor, CROWD, goal)
         with pytest.raises(PlanningError, match=said):
             pg.plan(CROWD, goal, simulated)
+
+
+def test_sampling_needs_something_to_try():
+    with pytest.raises(PlanningError, match="elites must be at least 1, got 0"):
+        Sampling(elites=0)
 
 
 def test_plan_chooses_among_tools_and_says_how_far_it_is(predictor):

@@ -98,7 +98,7 @@ def plan(
         console.print("No push that was tried brings it nearer than it is.", style="yellow")
         raise typer.Exit(1)
     tracks = {"Expected": predictor.predict(planned.scene, spread=predictor.states_spread)}
-    console.print(_said(planned, wanted, tracks["Expected"]), highlight=False, markup=False)
+    console.print(_said(planned), highlight=False, markup=False)
     outputs = [out / "plan.json", out / "expected.h5", out / "picture.png"]
     if execute:
         tracks["Executed"] = _executed(planned.scene, robot, out, outputs)
@@ -134,7 +134,7 @@ def _executed(scene, robot: str | None, out: Path, outputs: list[Path]):
     return execution.track
 
 
-def _said(planned, goal, expected) -> str:
+def _said(planned) -> str:
     """The tool, and each push in a line."""
     lines = [f"Tool: {planned.tool}"]
     for number, push in enumerate(planned.pushes, start=1):

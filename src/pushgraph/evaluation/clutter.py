@@ -81,7 +81,7 @@ def evaluate_clutter(
 ) -> tuple[Results, list[ClutterScene]]:
     """Run closed loops in `count` test scenes for each number of objects; see `measure_blocks`.
 
-    models: the checkpoints `contact`, which predicts, and `belief`, which watches.
+    models: the checkpoints `contact`, which predicts, and `belief`, which watches. contenders: of CONTENDERS.
     """
     work = partial(run_block, contenders=tuple(contenders))
     scenes = measure_blocks(work, objects, count, seed, models, workers, progress, block=BLOCK)
@@ -170,7 +170,7 @@ def run(
 def _add_rows(results: Results, model: str, runs: Sequence[Run], **labels: Any) -> None:
     every = np.arange(len(runs))
 
-    def add(metric: str, unit: str, values: Sequence[float]) -> None:
+    def add(metric: str, unit: str, values: list) -> None:
         results.add(model, metric, unit, np.array(values, dtype=float), every, **labels)
 
     distance = [run.error[0] for run in runs]

@@ -29,7 +29,7 @@ JITTER = 0.02
 DIAMETER = 0.10
 CLEARANCE = 0.0
 """No tool comes down nearer to the cylinder (m). The paper's 5 cm are taken as from its centre, its radius: from its
-surface they would leave 90 tasks of 158; the paper has 166."""
+surface they would leave 88 tasks of 154; the paper has 166."""
 APART = 0.05
 """A goal is farther than this from its start, and from every other goal of that start (m)."""
 NEVER_MET = 1e-3

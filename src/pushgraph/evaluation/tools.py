@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def evaluate_tools(
     tasks = [(index, goal) for index, number in enumerate(goals) for goal in range(number)]
     every = np.linspace(0, len(tasks) - 1, min(count or len(tasks), len(tasks))).round().astype(int)
     chosen = [tasks[k] for k in every]
-    jobs = []
+    jobs: list[Job] = []
     for index in dict.fromkeys(index for index, _ in chosen):
         of_start = tuple((number, goal) for number, (at, goal) in enumerate(chosen) if at == index)
         jobs.append(Job(seed, index, of_start, str(contact), timed=not jobs))
@@ -217,11 +217,11 @@ def _results(measures: ToolMeasures, seed: int) -> Results:
             if (one.model, one.tool, one.executed, one.loop) == (model, tool, executed, loop)
         ]
         errors, tasks = np.array([one.error for one in some]), np.array([one.task for one in some])
-        labels = dict(tool=tool, executed=executed, loop=loop)
+        labels: dict[str, Any] = dict(tool=tool, executed=executed, loop=loop)
         results.add(model, "mean_error_cm", "cm", 100 * errors, tasks, **labels)
         for metric, enough in SUCCESSES.items():
-            results.add(model, metric, "1", errors < enough, tasks, **labels)
-        results.add(model, "tasks", "1", np.array([len(some)]), np.zeros(1, dtype=int), **labels)
+            results.add(model, metric, "1", (errors < enough).astype(float), tasks, **labels)
+        results.add(model, "tasks", "1", np.array([float(len(some))]), np.zeros(1, dtype=int), **labels)
     for model in dict.fromkeys(model for model, _ in measures.planning):
         seconds = np.array([took for name, took in measures.planning if name == model])
         labels = dict(tool=ALL, executed=ALL, loop="open")

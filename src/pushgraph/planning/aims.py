@@ -38,14 +38,15 @@ class Aims(NamedTuple):
         """Some of them, in this order."""
         return Aims(*(column[np.asarray(index, dtype=int)] for column in self))
 
-    def varied(self, rng: np.random.Generator, count: int, scale: float, reach: Float[np.ndarray, " bodies"]) -> "Aims":
-        """So many like these. scale: standard deviation of directions (rad), and of offsets in reaches of the body."""
+    def varied(self, rng: np.random.Generator, count: int, scale: float, scene: Scene) -> "Aims":
+        """So many like these. scale: standard deviation of directions (rad), and twice that of offsets in reaches of
+        the body."""
         drawn = self.take(rng.integers(len(self.body), size=count))
         turn, shift, twist = rng.normal(scale=scale, size=(3, count))
         return drawn._replace(
             direction=drawn.direction + turn,
-            offset=drawn.offset + 0.5 * shift * reach[drawn.body],
-            yaw=drawn.yaw + twist,
+            offset=drawn.offset + 0.5 * shift * reach_of(scene)[drawn.body],
+            yaw=drawn.yaw if _is_round(scene) else drawn.yaw + twist,
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pushgraph.errors import PlanningError
 from pushgraph.planning.admissible import Reach, refusals
-from pushgraph.planning.aims import Aims, aimed_pushes, first_aims, reach_of
+from pushgraph.planning.aims import Aims, aimed_pushes, first_aims
 from pushgraph.planning.costs import cost_of
 from pushgraph.planning.dynamics import Dynamics
 from pushgraph.planning.goal import Goal, index_of
@@ -28,22 +28,27 @@ OWN_TOOL = "own"
 class Sampling:
     """How much is tried.
 
-    candidates: first draws. rounds: how often it is drawn again around the best, and how many each time. elites: how
-    many those are. scale: of the first such draws, see `Aims.varied`; it halves every time. pushes: at most, with the
-    tool lifted between. branches: first pushes that are gone on with. speed: m/s. longest: of a push (m). seconds:
-    what is not tried by then is left out; None: everything is tried.
+    candidates: first draws. rounds: how often it is drawn again around the best. varied: how many each time. elites:
+    how many the best are. scale: of the first such draws, see `Aims.varied`; it halves every time. pushes: at most,
+    with the tool lifted between. branches: plans that are tried to their end, and gone on with if there may be more
+    pushes. speed: m/s. longest: of a push (m). seconds: what is not tried by then is left out; None: all is tried.
     """
 
-    candidates: int = 64
+    candidates: int = 32
     rounds: int = 2
-    varied: int = 32
-    elites: int = 8
+    varied: int = 16
+    elites: int = 4
     scale: float = 0.25
     pushes: int = 1
-    branches: int = 4
+    branches: int = 3
     speed: float = 0.2
     longest: float = 0.45
     seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("candidates", "varied", "elites", "pushes", "branches"):
+            if getattr(self, name) < 1:
+                raise PlanningError(f"sampling: {name} must be at least 1, got {getattr(self, name)}")
 
 
 class Tried(NamedTuple):
@@ -134,7 +139,7 @@ class _Search:
                     continue
                 best = Aims(*(np.concatenate(column) for column in zip(*(one.aim for one in elites), strict=True)))
                 count = -(-sampling.varied // len(roots))
-                drawn = best.varied(rng, count, sampling.scale / 2 ** (k - 1), reach_of(self.scene))
+                drawn = best.varied(rng, count, sampling.scale / 2 ** (k - 1), self.scene)
             pushes = aimed_pushes(
                 self.scene, poses, drawn, self.body, self.goal.position, sampling.speed, sampling.longest
             )
@@ -156,8 +161,7 @@ class _Search:
         costs = self.score(tracks)
         tried = []
         for k, track, of_track in zip(left, tracks, costs, strict=True):
-            last = len(plans[k].pushes) - 1
-            begun = int(np.argmax(track.push == last)) if (track.push == last).any() else 0
+            begun = _begins(track, plans[k])
             frame = begun + int(of_track[begun : len(track.times)].argmin())
             tried.append(Tried(aims[k], plans[k], track, frame, float(of_track[frame])))
         return tried
@@ -182,9 +186,12 @@ class _Search:
 
     def _settled(self, tried: Sequence[Tried]) -> list[Tried]:
         """The best, ended where they are best, tried again as the tool comes to rest there; best first."""
-        best = sorted(tried, key=lambda one: one.cost)[: self.sampling.branches]
+        moving = [one for one in tried if one.frame > _begins(one.track, one.scene)]
+        best = sorted(moving, key=lambda one: one.cost)[: self.sampling.branches]
         ended = [one.scene.model_copy(update={"pushes": self._ended(one)}) for one in best]
         tracks = self._tracks(ended)
+        if not tracks:
+            return []
         costs = self.score(tracks)
         settled = [
             Tried(one.aim, plan, track, len(track.times) - 1, float(cost[len(track.times) - 1]))
@@ -195,19 +202,24 @@ class _Search:
     def _ended(self, one: Tried) -> tuple[Push, ...]:
         """The pushes, the last of them no longer than to the frame in which the plan is best."""
         *before, push = one.scene.pushes
-        begun = int(np.argmax(one.track.push == len(before)))
+        begun = _begins(one.track, one.scene)
         place = ToolMotion(push, self.scene.tool).pose((one.frame - begun) * FRAME)[:2]
         distance = float(np.hypot(*(place - np.array(push.start))))
         return (*before, push.replace(distance=distance))
 
     def _best(self, everything: Sequence[Tried]) -> Plan:
         """The best of those that were tried to where they end; no push, if none is better than none."""
-        best = min((one for one in everything if one.frame == len(one.track.times) - 1), key=lambda one: one.cost)
-        stays = starting(best.track)
-        cost = float(self.score([stays])[0, 0])
-        if best.cost >= cost:
-            return Plan(OWN_TOOL, stays.scene, stays, cost)
-        return Plan(OWN_TOOL, best.scene, best.track, best.cost)
+        stays = starting(everything[0].track)
+        plan = Plan(OWN_TOOL, stays.scene, stays, float(self.score([stays])[0, 0]))
+        for one in everything:
+            if one.frame == len(one.track.times) - 1 and one.cost < plan.cost:
+                plan = Plan(OWN_TOOL, one.scene, one.track, one.cost)
+        return plan
+
+
+def _begins(track: Track, plan: Scene) -> int:
+    """The frame in which the last push begins; 0 if the track does not come to it."""
+    return int(np.argmax(track.push == len(plan.pushes) - 1))
 
 
 def starting(track: Track) -> Track:
