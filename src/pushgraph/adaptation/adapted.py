@@ -1,0 +1,166 @@
+"""A predictor adapted to a robot, its objects and surfaces."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from pushgraph import pose
+from pushgraph.adaptation.correction import FEWEST, Correction
+from pushgraph.adaptation.fit import fit, linearized, residuals
+from pushgraph.adaptation.unknowns import COUNT, Estimate
+from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
+from pushgraph.errors import AdaptationError
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.real_pushes import RealPushes
+from pushgraph.spread import Spread
+
+Material = tuple[str, str]
+"""Names of a surface and a shape."""
+MOST_SHARED, MOST_OWN = 360, 240
+"""Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
+CENTRE = slice(2, 4)
+"""Unknowns that different shapes do not share: the centre of pressure."""
+BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 0.5, 0.5])
+"""How far objects are from what all have in common (prior deviations)."""
+STATED = 0.68
+"""Share of errors that spreads are widened to hold."""
+TRUSTED = 20
+"""So many pushes count as much as what spreads say without any."""
+
+
+class Prediction(NamedTuple):
+    """Final poses in the world, and how far off each may be."""
+
+    ends: Float[np.ndarray, "pushes 3"]
+    spread: Spread
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """What was learnt of one object on one surface, or of all of them.
+
+    pushes: how many it was learnt from. widening: factors of the deviations of positions and yaws.
+    """
+
+    estimate: Estimate
+    correction: Correction | None = None
+    widening: tuple[float, float] = (1.0, 1.0)
+    pushes: int = 0
+
+    def motion(self, dynamics: Dynamics, pushes: RealPushes) -> tuple[Float[np.ndarray, "pushes 3"], Spread]:
+        """How objects move, in their own frames before, and the spread of where they end."""
+        at = linearized(dynamics, pushes, self.estimate.mean)
+        further = None if self.correction is None else self.correction.variance(pushes, at.motion)
+        motion = at.motion if self.correction is None else self.correction.motion(pushes, at.motion)
+        spread = spread_of(pushes, covariance(pushes, at, self.estimate.covariance, further), *self.widening)
+        return motion, spread
+
+
+ZERO_SHOT = Adapted(Estimate.prior())
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """What was learnt of materials, and what they have in common, for any other."""
+
+    shared: Adapted
+    materials: Mapping[Material, Adapted]
+
+    def of(self, surface: str, shape: str) -> Adapted:
+        """What is known of a material."""
+        return self.materials.get((surface, shape), self.shared)
+
+    def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
+        """Where recorded pushes end, each by what is known of its material."""
+        ends, spreads = np.zeros((len(pushes), 3)), np.zeros((len(Spread._fields), len(pushes)))
+        known = [self.of(*names) for names in pushes.materials]
+        for one in {id(one): one for one in known}.values():
+            names = [name for name, own in zip(pushes.materials, known, strict=True) if own is one]
+            chosen = np.any([pushes.of(*name) for name in names], axis=0)
+            motion, spread = one.motion(dynamics, pushes.take(chosen))
+            ends[chosen] = pose.compose(pushes.before[chosen], motion)
+            spreads[:, chosen] = np.stack(spread)
+        return Prediction(ends, Spread(*spreads))
+
+
+NOT_ADAPTED = Adaptation(ZERO_SHOT, {})
+
+
+def adapt(
+    dynamics: Dynamics,
+    pushes: RealPushes,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    done: Mapping[Material, Adapted] | None = None,
+) -> Adaptation:
+    """Learn from recorded pushes: what all have in common, then each object on each surface by itself.
+
+    done: what was learnt of some already. Raises AdaptationError if there are too few pushes to learn from.
+    """
+    if len(pushes) < FEWEST:
+        raise AdaptationError(f"{len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
+    materials = pushes.materials
+    total = len(materials) + (len(materials) > 1)
+    if len(materials) == 1:
+        own = _learnt(dynamics, pushes, Estimate.prior())
+        return Adaptation(own, {materials[0]: own})
+    shared = _shared(dynamics, pushes)
+    progress(1, total)
+    prior = Estimate(shared.estimate.mean, shared.estimate.covariance + np.diag(BETWEEN**2))
+    found: dict[Material, Adapted] = dict(done or {})
+    for number, names in enumerate(materials, start=2):
+        of_material = pushes.take(pushes.of(*names))
+        if names not in found and len(of_material) >= FEWEST:
+            found[names] = _learnt(dynamics, of_material, prior)
+        progress(number, total)
+    return Adaptation(shared, found)
+
+
+def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
+    """Unknowns and a correction for one material."""
+    estimate = fit(dynamics, _evenly(pushes, MOST_OWN), prior)
+    return _corrected(dynamics, pushes, estimate, estimate.covariance, "body")
+
+
+def _shared(dynamics: Dynamics, pushes: RealPushes) -> Adapted:
+    """What all materials have in common; others are as far from it as they are from each other."""
+    deviations = np.ones(COUNT)
+    deviations[CENTRE] = 1e-3
+    some = _evenly(pushes, MOST_SHARED)
+    estimate = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
+    unknown = estimate.covariance + np.diag(BETWEEN**2)
+    adapted = _corrected(dynamics, some, estimate, unknown, "push")
+    return adapted
+
+
+def _corrected(
+    dynamics: Dynamics, pushes: RealPushes, estimate: Estimate, unknown: Float[np.ndarray, "6 6"], frame
+) -> Adapted:
+    some = _evenly(pushes, 500)
+    at = linearized(dynamics, some, estimate.mean)
+    correction: Correction | None = Correction.fit(some, at.motion, frame)
+    error = correction.left_out if correction.strength else residuals(at.motion, some)
+    correction = correction if correction.strength else None
+    further = None if correction is None else correction.variance(some, at.motion)
+    stated = spread_of(some.take(np.arange(len(some))), covariance(some, at, unknown, further))
+    world = np.concatenate((pose.rotate(error[:, :2], some.before[:, 2]), error[:, 2:]), 1)
+    return Adapted(Estimate(estimate.mean, unknown), correction, _widening(stated, world), len(pushes))
+
+
+def _widening(stated: Spread, error: Float[np.ndarray, "pushes 3"]) -> tuple[float, float]:
+    """Factors of deviations so that these errors are held as stated; few errors change little."""
+    own = pose.rotate(error[:, :2], -stated.direction)
+    radius = np.hypot(own[:, 0] / stated.along, own[:, 1] / stated.across)
+    turn = np.abs(error[:, 2]) / stated.yaw
+    held = np.sqrt(DEGREES * ((1 - STATED) ** (-2 / DEGREES) - 1)), DEGREES * ((1 - STATED) ** (-1 / DEGREES) - 1)
+    count = len(error)
+    factors = [np.quantile(values, STATED) / bound for values, bound in zip((radius, turn), held, strict=True)]
+    return tuple(float((count * factor + TRUSTED) / (count + TRUSTED)) for factor in factors)
+
+
+def _evenly(pushes: RealPushes, most: int) -> RealPushes:
+    if len(pushes) <= most:
+        return pushes
+    return pushes.take(np.linspace(0, len(pushes) - 1, most).round().astype(int))

@@ -1,0 +1,109 @@
+"""A small correction of predicted motions, learnt from what is left of the errors of recorded ones."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from pushgraph import pose
+from pushgraph.adaptation.fit import SCALE, residuals
+from pushgraph.adaptation.gaussian_process import GaussianProcess
+from pushgraph.adaptation.prediction import contact_points
+from pushgraph.real_pushes import RealPushes
+
+Frame = Literal["body", "push"]
+"""What a correction is told: where on this one object the probe touches, or only how it pushes, for objects unseen."""
+FARTHEST = 4.0
+"""Errors farther than this (in SCALE) count as so far: the object slipped off."""
+STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of a correction that are tried."""
+FEWEST = 10
+"""From fewer pushes no correction is learnt."""
+MOST = 500
+"""Of more pushes, so many, evenly chosen: the time grows with the third power."""
+LENGTH, ARM, TURN = 0.02, 0.03, 0.3
+"""Units of the features: of lengths and lever arms (m), and of turns (rad)."""
+
+
+class Correction(NamedTuple):
+    """frame: what it is told. strength: share of what the process expects that is added."""
+
+    process: GaussianProcess
+    frame: Frame
+    strength: float
+
+    @classmethod
+    def fit(cls, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"], frame: Frame = "body") -> "Correction":
+        """Learn what is left of the errors of predicted motions; its strength is what serves best for pushes left out."""
+        chosen = np.linspace(0, len(pushes) - 1, min(MOST, len(pushes))).round().astype(int)
+        some, motion = pushes.take(chosen), motion[chosen]
+        error = _turned(residuals(motion, some), some, frame, 1) / SCALE
+        length = np.linalg.norm(error, axis=1)
+        error = error * np.minimum(1.0, FARTHEST / np.maximum(length, 1e-9))[:, None]
+        process = GaussianProcess.fit(features(some, motion, frame), error)
+        expected = error - process.left_out
+        costs = [_cost(error - strength * expected) for strength in STRENGTHS]
+        return cls(process, frame, STRENGTHS[int(np.argmin(costs))])
+
+    def motion(self, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 3"]:
+        """Corrected motions."""
+        expected = self.process.mean(features(pushes, motion, self.frame)) * SCALE * self.strength
+        return motion + _turned(expected, pushes, self.frame, -1)
+
+    def variance(self, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 3"]:
+        """Of the correction, per component."""
+        found = self.process.variance(features(pushes, motion, self.frame))
+        return found[:, None] * (SCALE * self.strength) ** 2
+
+    @property
+    def left_out(self) -> Float[np.ndarray, "samples 3"]:
+        """Errors at the pushes that it was learnt from, each left out in turn (m, m, rad)."""
+        process = self.process
+        inside = process.answers / process.inverse.diagonal()[:, None]
+        signal = (process.places.new_tensor(self.values) - inside) * self.strength
+        return ((process.places.new_tensor(self.values) - signal).numpy()) * SCALE
+
+    @property
+    def values(self) -> Float[np.ndarray, "samples 3"]:
+        """The errors that it was learnt from (in SCALE)."""
+        covariance = np.linalg.inv(self.process.inverse.numpy())
+        return covariance @ self.process.answers.numpy()
+
+
+def features(
+    pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"], frame: Frame
+) -> Float[np.ndarray, "pushes features"]:
+    """Where the probe touches, how it goes on from there, and how the object is predicted to move.
+
+    In the object's frame; or, "push", in that of the way of the probe from there, with the centroid instead.
+    """
+    touch = contact_points(pushes)
+    way = pushes.end_in_body - touch
+    if frame == "body":
+        return np.concatenate((touch / ARM, way / LENGTH, motion[:, :2] / LENGTH, motion[:, 2:] / TURN), 1)
+    centres = np.array([pushes.shapes[name].centroid for name in pushes.shape.tolist()])
+    angle = -_heading(pushes)
+    arm, moved = pose.rotate(centres - touch, angle), pose.rotate(motion[:, :2], angle)
+    length = np.hypot(*way.T)[:, None]
+    return np.concatenate((arm / ARM, length / LENGTH, moved / LENGTH, motion[:, 2:] / TURN), 1)
+
+
+def _heading(pushes: RealPushes) -> Float[np.ndarray, " pushes"]:
+    way = pushes.end_in_body - pushes.start_in_body
+    return np.arctan2(way[:, 1], way[:, 0])
+
+
+def _turned(
+    error: Float[np.ndarray, "pushes 3"], pushes: RealPushes, frame: Frame, sense: int
+) -> Float[np.ndarray, "pushes 3"]:
+    """Errors as the frame sees them (sense 1), or back (-1)."""
+    if frame == "body":
+        return error
+    return np.concatenate((pose.rotate(error[:, :2], -sense * _heading(pushes)), error[:, 2:]), 1)
+
+
+def _cost(error: Float[np.ndarray, "pushes 3"]) -> float:
+    """Mean distance and turn, in SCALE."""
+    return float((np.hypot(error[:, 0], error[:, 1]) + np.abs(error[:, 2])).mean())
+
+
