@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pushgraph import pose
-from pushgraph.adaptation.correction import FEWEST, Correction
+from pushgraph.adaptation.correction import FEWEST, Correction, Frame
 from pushgraph.adaptation.fit import fit, linearized, residuals
-from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
+from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.errors import AdaptationError
 from pushgraph.network.dynamics import Dynamics
 from pushgraph.real_pushes import RealPushes
@@ -70,8 +70,10 @@ class Adaptation:
     materials: Mapping[Material, Adapted]
 
     def of(self, surface: str, shape: str) -> Adapted:
-        """What is known of a material."""
-        return self.materials.get((surface, shape), self.shared)
+        """What is known of a material; of one that was not learnt, what was of its shape on another surface."""
+        known = self.materials.get((surface, shape))
+        elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
+        return known or max(elsewhere, key=lambda own: own.pushes, default=self.shared)
 
     def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
         """Where recorded pushes end, each by what is known of its material."""
@@ -106,7 +108,7 @@ def adapt(
     if len(materials) == 1:
         own = _learnt(dynamics, pushes, Estimate.prior())
         return Adaptation(own, {materials[0]: own})
-    shared = _shared(dynamics, pushes)
+    shared = adapt_to_all(dynamics, pushes).shared
     progress(1, total)
     prior = Estimate(shared.estimate.mean, shared.estimate.covariance + np.diag(BETWEEN**2))
     found: dict[Material, Adapted] = dict(done or {})
@@ -124,19 +126,18 @@ def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
     return _corrected(dynamics, pushes, estimate, estimate.covariance, "body")
 
 
-def _shared(dynamics: Dynamics, pushes: RealPushes) -> Adapted:
-    """What all materials have in common; others are as far from it as they are from each other."""
+def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
+    """Learn what all materials have in common alone; others are as far from it as they are from each other."""
     deviations = np.ones(COUNT)
     deviations[CENTRE] = 1e-3
     some = _evenly(pushes, MOST_SHARED)
     estimate = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
     unknown = estimate.covariance + np.diag(BETWEEN**2)
-    adapted = _corrected(dynamics, some, estimate, unknown, "push")
-    return adapted
+    return Adaptation(_corrected(dynamics, some, estimate, unknown, "push"), {})
 
 
 def _corrected(
-    dynamics: Dynamics, pushes: RealPushes, estimate: Estimate, unknown: Float[np.ndarray, "6 6"], frame
+    dynamics: Dynamics, pushes: RealPushes, estimate: Estimate, unknown: Float[np.ndarray, "6 6"], frame: Frame
 ) -> Adapted:
     some = _evenly(pushes, 500)
     at = linearized(dynamics, some, estimate.mean)
@@ -144,7 +145,7 @@ def _corrected(
     error = correction.left_out if correction.strength else residuals(at.motion, some)
     correction = correction if correction.strength else None
     further = None if correction is None else correction.variance(some, at.motion)
-    stated = spread_of(some.take(np.arange(len(some))), covariance(some, at, unknown, further))
+    stated = spread_of(some, covariance(some, at, unknown, further))
     world = np.concatenate((pose.rotate(error[:, :2], some.before[:, 2]), error[:, 2:]), 1)
     return Adapted(Estimate(estimate.mean, unknown), correction, _widening(stated, world), len(pushes))
 

@@ -34,7 +34,7 @@ class Correction(NamedTuple):
 
     @classmethod
     def fit(cls, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"], frame: Frame = "body") -> "Correction":
-        """Learn what is left of the errors of predicted motions; its strength is what serves best for pushes left out."""
+        """Learn what is left of the errors of predicted motions; its strength is what serves pushes left out best."""
         chosen = np.linspace(0, len(pushes) - 1, min(MOST, len(pushes))).round().astype(int)
         some, motion = pushes.take(chosen), motion[chosen]
         error = _turned(residuals(motion, some), some, frame, 1) / SCALE
@@ -105,5 +105,3 @@ def _turned(
 def _cost(error: Float[np.ndarray, "pushes 3"]) -> float:
     """Mean distance and turn, in SCALE."""
     return float((np.hypot(error[:, 0], error[:, 1]) + np.abs(error[:, 2])).mean())
-
-

@@ -1,4 +1,4 @@
-"""Physical unknowns from pushes: the likeliest ones, by Gauss-Newton through batched rollouts, and how sure they are."""
+"""Physical unknowns from pushes: the likeliest, by Gauss-Newton through batched rollouts, and how sure they are."""
 
 from typing import NamedTuple
 

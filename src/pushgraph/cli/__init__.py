@@ -6,7 +6,18 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, evaluating_masses, evaluating_plans, planning, recordings, scenes, training
+from pushgraph.cli import (
+    adapting,
+    data,
+    evaluating,
+    evaluating_masses,
+    evaluating_plans,
+    evaluating_real,
+    planning,
+    recordings,
+    scenes,
+    training,
+)
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -22,12 +33,13 @@ for command in (
     recordings.track,
     scenes.simulate,
     data.generate,
+    adapting.adapt,
 ):
     app.command()(command)
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
 app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
-for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS).items():
+for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_real.COMMANDS).items():
     evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 
