@@ -33,8 +33,8 @@ class Unknowns(NamedTuple):
     @property
     def scores(self) -> Float[np.ndarray, "*pushes 6"]:
         """The standard scores; see `of`."""
-        raw = [np.log(np.asarray(v) / n) if log else np.asarray(v) - n for v, n, log in zip(self, NOMINAL, LOG, strict=True)]
-        return np.stack(raw, -1) / DEVIATION
+        values = zip(map(np.asarray, self), NOMINAL, LOG, strict=True)
+        return np.stack([np.log(v / n) if log else v - n for v, n, log in values], -1) / DEVIATION
 
 
 NOMINAL = Unknowns()
@@ -67,7 +67,8 @@ class Estimate(NamedTuple):
     def deviations(self) -> Unknowns:
         """Standard deviation of each, in its own unit."""
         share = np.sqrt(np.diag(self.covariance)) * DEVIATION
-        return Unknowns(*(float(v * s) if log else float(s) for v, s, log in zip(self.unknowns, share, LOG, strict=True)))
+        values = zip(self.unknowns, share, LOG, strict=True)
+        return Unknowns(*(float(v * s) if log else float(s) for v, s, log in values))
 
     def lines(self) -> list[str]:
         """In words: `side friction 0.17 +- 0.02` and so on."""

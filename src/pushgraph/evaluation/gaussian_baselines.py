@@ -1,4 +1,4 @@
-"""What one would write instead of adapting: a Gaussian process on recorded pushes, alone or on another model's errors."""
+"""What one would write instead of adapting: a Gaussian process on pushes, alone or on another model's errors."""
 
 import warnings
 
