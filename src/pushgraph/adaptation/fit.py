@@ -64,7 +64,7 @@ def fit(dynamics: Dynamics, pushes: RealPushes, prior: Estimate, iterations: int
         curvature = information + np.einsum("n,nak,nal->kl", weight, slope, slope) / variance
         gradient = np.einsum("n,nak,na->k", weight, slope, error) / variance - information @ (mean - prior.mean)
         step = np.linalg.solve(curvature, gradient)
-        mean = mean + step * min(1.0, LONGEST / np.abs(step).max())
+        mean = mean + step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-9))
     return Estimate(mean, np.linalg.inv(curvature))
 
 

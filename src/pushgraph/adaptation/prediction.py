@@ -91,8 +91,7 @@ def _of_one_shape(
     scenes = scenes._replace(side_friction=torch.from_numpy(np.array(unknowns.side_friction, dtype=float)))
     pressures = np.stack((unknowns.concentration, unknowns.centre_x, unknowns.centre_y), -1)
     kinds, which = np.unique(pressures, axis=0, return_inverse=True)
-    if (kinds != np.array(NOMINAL[1:4])).any():
-        scenes = _pressing(scenes, apart, shape, kinds, which.reshape(-1))
+    scenes = _pressing(scenes, apart, shape, kinds, which.reshape(-1))
     poses = torch.zeros(*scenes.mass.shape, 3, dtype=torch.float64)
     poses[:, : len(apart.scene.bodies)] = torch.from_numpy(apart.scene.poses_world_from_body)
     state = start(scenes, poses)

@@ -28,7 +28,8 @@ class Unknowns(NamedTuple):
     def of(cls, scores: Float[np.ndarray, "*pushes 6"]) -> "Unknowns":
         """From standard scores: how far each is from its nominal value, over its prior deviation."""
         bounded = np.clip(scores, -FARTHEST, FARTHEST) * DEVIATION
-        return cls(*(np.exp(part) * nominal if log else nominal + part for part, nominal, log in _columns(bounded)))
+        columns = zip(np.moveaxis(bounded, -1, 0), NOMINAL, LOG, strict=True)
+        return cls(*(np.exp(part) * nominal if log else nominal + part for part, nominal, log in columns))
 
     @property
     def scores(self) -> Float[np.ndarray, "*pushes 6"]:
@@ -81,7 +82,3 @@ class Estimate(NamedTuple):
 
 def _factor(unit: str) -> float:
     return 1e3 if unit == "mm" else 1.0
-
-
-def _columns(parts: np.ndarray) -> list[tuple[np.ndarray, float, bool]]:
-    return list(zip(np.moveaxis(parts, -1, 0), NOMINAL, LOG, strict=True))

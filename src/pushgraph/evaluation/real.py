@@ -96,7 +96,7 @@ def evaluate_real(
     for model, ends in pushes.stated.items():
         measures.add(model, ends, everything)
     chosen = spread_out(pushes, SIMULATED if simulated is None else simulated)
-    scenes = [scene_of(pushes, k) for k in chosen]
+    scenes = [scene_of(pushes, k) for k in chosen.tolist()]
     measures.add("mujoco", simulated_ends(scenes, workers, lambda done, n: progress("simulated", done, n)), chosen)
     dynamics = PhysicsPredictor.load(contact).dynamics
     progress("predicted", 0, len(pushes))

@@ -12,15 +12,14 @@ ALIKE = 1.5e-3
 
 
 def repeated(pushes: RealPushes) -> Int[np.ndarray, "pairs 2"]:
-    """Pairs of pushes of one object on one surface at one speed that are repeated."""
+    """Pairs of pushes of one object on one surface that are repeated, perhaps at another speed."""
     touch = contact_points(pushes)
     way = pushes.end_in_body - touch
     found = [np.zeros((0, 2), dtype=int)]
     for surface, shape in pushes.materials:
         chosen = np.flatnonzero(pushes.of(surface, shape))
         apart = np.maximum(_distances(touch[chosen]), _distances(way[chosen]))
-        alike = (apart < ALIKE) & (pushes.speed[chosen, None] == pushes.speed[chosen])
-        first, second = np.nonzero(np.triu(alike, 1))
+        first, second = np.nonzero(np.triu(apart < ALIKE, 1))
         found.append(np.stack((chosen[first], chosen[second]), -1))
     return np.concatenate(found)
 
