@@ -10,11 +10,13 @@ from jaxtyping import Float
 from pushgraph import pose
 from pushgraph.adaptation.correction import FEWEST, Correction, Frame
 from pushgraph.adaptation.fit import fit, linearized, residuals
+from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
 from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.errors import AdaptationError
 from pushgraph.network.dynamics import Dynamics
 from pushgraph.real_pushes import RealPushes
+from pushgraph.scene import Scene
 from pushgraph.spread import Spread
 
 Material = tuple[str, str]
@@ -74,6 +76,17 @@ class Adaptation:
         known = self.materials.get((surface, shape))
         elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
         return known or max(elsewhere, key=lambda own: own.pushes, default=self.shared)
+
+    def apply_to(self, scene: Scene, surface: str) -> Scene:
+        """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of.
+
+        Raises AdaptationError if there is none. Corrections, and offsets of the probe, are not of the scene.
+        """
+        known = {shape for _, shape in self.materials} & set(scene.names)
+        if not known:
+            shapes = ", ".join(dict.fromkeys(shape for _, shape in self.materials))
+            raise AdaptationError(f"no body of the scene bears the name of a shape that was learnt of; these: {shapes}")
+        return with_unknowns(scene, {name: self.of(surface, name).estimate for name in known})
 
     def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
         """Where recorded pushes end, each by what is known of its material."""

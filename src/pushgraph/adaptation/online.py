@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pushgraph.adaptation.fit import fit
-from pushgraph.adaptation.scenes import support_of
+from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.unknowns import Estimate
 from pushgraph.errors import AdaptationError
 from pushgraph.network.dynamics import Dynamics
@@ -60,17 +60,7 @@ class PushLearner:
 
     def apply_to(self, scene: Scene) -> Scene:
         """The scene with what was learnt: side friction (the surest body counts most), and where bodies press."""
-        if not self.estimates:
-            return scene
-        bodies = tuple(
-            body.replace(support=support_of(body.shape, self.estimates[body.name].unknowns))
-            if body.name in self.estimates
-            else body
-            for body in scene.bodies
-        )
-        weights = [1 / estimate.covariance[0, 0] for estimate in self.estimates.values()]
-        frictions = [np.log(estimate.unknowns.side_friction) for estimate in self.estimates.values()]
-        return scene.replace(bodies=bodies, side_friction=float(np.exp(np.average(frictions, weights=weights))))
+        return with_unknowns(scene, self.estimates)
 
 
 def _radius(tool: Tool) -> float:

@@ -1,9 +1,11 @@
 """A recorded push as a scene, with what was learnt of it written in: to be predicted, simulated, or copied."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pushgraph.adaptation.pressure import support
-from pushgraph.adaptation.unknowns import NOMINAL, Unknowns
+from pushgraph.adaptation.unknowns import NOMINAL, Estimate, Unknowns
 from pushgraph.body import Body
 from pushgraph.real_pushes import DEEPEST, RealPushes
 from pushgraph.scene import Scene
@@ -33,6 +35,20 @@ def scene_of(pushes: RealPushes, index: int, unknowns: Unknowns = NOMINAL) -> Sc
     start = start - _back(scene, start, end) * (end - start) / np.hypot(*(end - start))
     push = Push(start=_pair(start), end=_pair(end), speed=max(float(pushes.speed[index]), 1e-3))
     return scene.replace(pushes=(push,))
+
+
+def with_unknowns(scene: Scene, estimates: Mapping[str, Estimate]) -> Scene:
+    """The scene with what was learnt of some bodies, by name: where they press, and the side friction, for which the
+    surest body counts most."""
+    if not estimates:
+        return scene
+    bodies = tuple(
+        body.replace(support=support_of(body.shape, estimates[body.name].unknowns)) if body.name in estimates else body
+        for body in scene.bodies
+    )
+    weights = [1 / estimate.covariance[0, 0] for estimate in estimates.values()]
+    frictions = [np.log(estimate.unknowns.side_friction) for estimate in estimates.values()]
+    return scene.replace(bodies=bodies, side_friction=float(np.exp(np.average(frictions, weights=weights))))
 
 
 def support_of(shape: BodyShape, unknowns: Unknowns) -> tuple[Point, ...] | None:

@@ -125,7 +125,8 @@ def results_of(measures: RealMeasures, protocol: Mapping[str, object]) -> Result
             for (metric, unit), values in zip(METRICS, one.errors[own].T, strict=True):
                 results.add(one.model, metric, unit, values, one.index[own], **every)
             if one.held is not None:
-                for metric, values in zip(("coverage_68", "yaw_coverage_68"), one.held[own].T, strict=True):
+                held = one.held[own].T.astype(float)
+                for metric, values in zip(("coverage_68", "yaw_coverage_68"), held, strict=True):
                     results.add(one.model, metric, "1", values, one.index[own], **every)
     return results
 
