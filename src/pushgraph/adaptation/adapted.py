@@ -155,7 +155,7 @@ def _corrected(
     some = _evenly(pushes, 500)
     at = linearized(dynamics, some, estimate.mean)
     correction: Correction | None = Correction.fit(some, at.motion, frame)
-    error = correction.left_out if correction.strength else residuals(at.motion, some)
+    error = correction.left_out(some) if correction.strength else residuals(at.motion, some)
     correction = correction if correction.strength else None
     further = None if correction is None else correction.variance(some, at.motion)
     stated = spread_of(some, covariance(some, at, unknown, further))

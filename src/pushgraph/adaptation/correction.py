@@ -13,7 +13,7 @@ from pushgraph.real_pushes import RealPushes
 
 Frame = Literal["body", "push"]
 """What a correction is told: where on this one object the probe touches, or only how it pushes, for objects unseen."""
-FARTHEST = 4.0
+FARTHEST = 3.0
 """Errors farther than this (in SCALE) count as so far: the object slipped off."""
 STRENGTHS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of a correction that are tried."""
@@ -21,14 +21,15 @@ FEWEST = 10
 """From fewer pushes no correction is learnt."""
 MOST = 500
 """Of more pushes, so many, evenly chosen: the time grows with the third power."""
-LENGTH, ARM, TURN = 0.02, 0.03, 0.3
-"""Units of the features: of lengths and lever arms (m), and of turns (rad)."""
+LENGTH, ARM, TURN, TABLE = 0.02, 0.03, 0.3, 0.05
+"""Units of the features: of lengths, lever arms (m), turns (rad), and places on the table (m)."""
 
 
 class Correction(NamedTuple):
-    """frame: what it is told. strength: share of what the process expects that is added."""
+    """position, yaw: processes of errors in SCALE. frame: what they are told. strength: share of their means added."""
 
-    process: GaussianProcess
+    position: GaussianProcess
+    yaw: GaussianProcess
     frame: Frame
     strength: float
 
@@ -40,34 +41,30 @@ class Correction(NamedTuple):
         error = _turned(residuals(motion, some), some, frame, 1) / SCALE
         length = np.linalg.norm(error, axis=1)
         error = error * np.minimum(1.0, FARTHEST / np.maximum(length, 1e-9))[:, None]
-        process = GaussianProcess.fit(features(some, motion, frame), error)
-        expected = error - process.left_out
+        places = features(some, motion, frame)
+        position, yaw = GaussianProcess.fit(places, error[:, :2]), GaussianProcess.fit(places, error[:, 2:])
+        expected = error - np.concatenate((position.left_out, yaw.left_out), 1)
         costs = [_cost(error - strength * expected) for strength in STRENGTHS]
-        return cls(process, frame, STRENGTHS[int(np.argmin(costs))])
+        return cls(position, yaw, frame, STRENGTHS[int(np.argmin(costs))])
 
     def motion(self, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 3"]:
         """Corrected motions."""
-        expected = self.process.mean(features(pushes, motion, self.frame)) * SCALE * self.strength
+        places = features(pushes, motion, self.frame)
+        expected = np.concatenate((self.position.mean(places), self.yaw.mean(places)), 1) * SCALE * self.strength
         return motion + _turned(expected, pushes, self.frame, -1)
 
     def variance(self, pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 3"]:
         """Of the correction, per component."""
-        found = self.process.variance(features(pushes, motion, self.frame))
-        return found[:, None] * (SCALE * self.strength) ** 2
+        places = features(pushes, motion, self.frame)
+        position, yaw = self.position.variance(places), self.yaw.variance(places)
+        return np.stack((position, position, yaw), -1) * (SCALE * self.strength) ** 2
 
-    @property
-    def left_out(self) -> Float[np.ndarray, "samples 3"]:
-        """Errors at the pushes that it was learnt from, each left out in turn (m, m, rad)."""
-        process = self.process
-        inside = process.answers / process.inverse.diagonal()[:, None]
-        signal = (process.places.new_tensor(self.values) - inside) * self.strength
-        return ((process.places.new_tensor(self.values) - signal).numpy()) * SCALE
-
-    @property
-    def values(self) -> Float[np.ndarray, "samples 3"]:
-        """The errors that it was learnt from (in SCALE)."""
-        covariance = np.linalg.inv(self.process.inverse.numpy())
-        return covariance @ self.process.answers.numpy()
+    def left_out(self, pushes: RealPushes) -> Float[np.ndarray, "samples 3"]:
+        """Errors (m, m, rad) at the pushes that it was learnt from, each left out in turn."""
+        processes = self.position, self.yaw
+        values = np.concatenate([one.values for one in processes], 1)
+        alone = np.concatenate([one.left_out for one in processes], 1)
+        return _turned((values - self.strength * (values - alone)) * SCALE, pushes, self.frame, -1)
 
 
 def features(
@@ -75,12 +72,16 @@ def features(
 ) -> Float[np.ndarray, "pushes features"]:
     """Where the probe touches, how it goes on from there, and how the object is predicted to move.
 
-    In the object's frame; or, "push", in that of the way of the probe from there, with the centroid instead.
+    In the object's frame, with the heading in the world and the place on the table, since tables and cameras are not
+    alike everywhere; or, "push", in the frame of the way of the probe from there, with the centroid instead.
     """
     touch = contact_points(pushes)
     way = pushes.end_in_body - touch
     if frame == "body":
-        return np.concatenate((touch / ARM, way / LENGTH, motion[:, :2] / LENGTH, motion[:, 2:] / TURN), 1)
+        ahead = pushes.probe_end - pushes.probe_start
+        ahead = ahead / np.hypot(*ahead.T)[:, None]
+        seen = touch / ARM, way / LENGTH, motion[:, :2] / LENGTH, motion[:, 2:] / TURN
+        return np.concatenate((*seen, ahead, pushes.before[:, :2] / TABLE), 1)
     centres = np.array([pushes.shapes[name].centroid for name in pushes.shape.tolist()])
     angle = -_heading(pushes)
     arm, moved = pose.rotate(centres - touch, angle), pose.rotate(motion[:, :2], angle)

@@ -38,7 +38,9 @@ def save_adaptation(
         tensors[f"{key}.covariance"] = torch.from_numpy(adapted.estimate.covariance)
         correction = adapted.correction
         if correction is not None:
-            tensors |= {f"{key}.{field}": values for field, values in correction.process._asdict().items()}
+            for part in ("position", "yaw"):
+                process = getattr(correction, part)._asdict()
+                tensors |= {f"{key}.{part} {field}": values for field, values in process.items()}
         described.append(
             {
                 "key": key,
@@ -69,8 +71,11 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
         own = {name.split(".")[1]: values for name, values in tensors.items() if name.split(".")[0] == one["key"]}
         correction = None
         if one["frame"] is not None:
-            process = GaussianProcess(*(own[field] for field in GaussianProcess._fields))
-            correction = Correction(process, one["frame"], one["strength"])
+            position, yaw = (
+                GaussianProcess(*(own[f"{part} {field}"] for field in GaussianProcess._fields))
+                for part in ("position", "yaw")
+            )
+            correction = Correction(position, yaw, one["frame"], one["strength"])
         estimate = Estimate(own["mean"].numpy(), own["covariance"].numpy())
         name = None if one["shape"] is None else (one["surface"], one["shape"])
         found[name] = Adapted(estimate, correction, tuple(one["widening"]), one["pushes"])

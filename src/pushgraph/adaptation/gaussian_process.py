@@ -16,6 +16,8 @@ LENGTH, LENGTH_DEVIATION = 2.0, 1.0
 """Prior of the length scales: median, and deviation of the logarithm."""
 SIGNAL, NOISE, DEVIATION = 0.75, 0.75, 1.0
 """The same of the deviations of signal and noise: medians, and deviation of their logarithms."""
+FARTHEST = 3.0
+"""No logarithm is farther from its median (prior deviations)."""
 
 
 class GaussianProcess(NamedTuple):
@@ -39,11 +41,15 @@ class GaussianProcess(NamedTuple):
         middle = torch.full((features + 2,), math.log(LENGTH), dtype=torch.float64)
         middle[features:] = torch.tensor([SIGNAL, NOISE], dtype=torch.float64).log()
         width = torch.tensor([LENGTH_DEVIATION] * features + [DEVIATION] * 2, dtype=torch.float64)
-        logs = middle.clone().requires_grad_(True)
-        optimizer = torch.optim.LBFGS([logs], max_iter=ITERATIONS, line_search_fn="strong_wolfe")
+        free = torch.zeros_like(middle).requires_grad_(True)
+        optimizer = torch.optim.LBFGS([free], max_iter=ITERATIONS, line_search_fn="strong_wolfe")
+
+        def bounded() -> Tensor:  # a line search that goes too far stays where the covariance is regular
+            return middle + FARTHEST * width * torch.tanh(free / FARTHEST)
 
         def loss() -> Tensor:
             optimizer.zero_grad()
+            logs = bounded()
             lower = torch.linalg.cholesky(_covariance(x, x, logs) + _noise(x, logs))
             solved = torch.cholesky_solve(y, lower)
             evidence = (y * solved).sum() / 2 + y.shape[1] * lower.diagonal().log().sum()
@@ -53,7 +59,7 @@ class GaussianProcess(NamedTuple):
 
         with torch.enable_grad():
             optimizer.step(loss)
-        return cls.conditioned(x, y, logs.detach())
+        return cls.conditioned(x, y, bounded().detach())
 
     @classmethod
     def conditioned(cls, places: Tensor, values: Tensor, logs: Tensor) -> "GaussianProcess":
@@ -73,14 +79,22 @@ class GaussianProcess(NamedTuple):
         return (self.logs[-2].exp().square() - known).clamp(min=0).numpy()
 
     @property
+    def values(self) -> Float[np.ndarray, "samples values"]:
+        """What it was learnt from."""
+        covariance = _covariance(self.places, self.places, self.logs) + _noise(self.places, self.logs)
+        return (covariance @ self.answers).numpy()
+
+    @property
     def left_out(self) -> Float[np.ndarray, "samples values"]:
         """Errors at each sample of the process that is conditioned on all others: value less mean."""
         return (self.answers / self.inverse.diagonal()[:, None]).numpy()
 
 
 def _covariance(a: Tensor, b: Tensor, logs: Tensor) -> Tensor:
+    """Matern's, of smoothness 3/2 (equation 4.17)."""
     lengths = logs[:-2].exp()
-    return logs[-2].exp().square() * torch.exp(-torch.cdist(a / lengths, b / lengths).square() / 2)
+    away = (3 * torch.cdist(a / lengths, b / lengths).square() + 1e-12).sqrt()
+    return logs[-2].exp().square() * (1 + away) * torch.exp(-away)
 
 
 def _noise(places: Tensor, logs: Tensor) -> Tensor:
