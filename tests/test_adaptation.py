@@ -11,6 +11,7 @@ from pushgraph.adaptation.correction import Correction
 from pushgraph.adaptation.files import load_adaptation, save_adaptation
 from pushgraph.adaptation.fit import fit, linearized, residuals
 from pushgraph.adaptation.gaussian_process import GaussianProcess
+from pushgraph.adaptation.kinds import kind_of
 from pushgraph.adaptation.online import PushLearner
 from pushgraph.adaptation.prediction import contact_points, predicted_motion
 from pushgraph.adaptation.pressure import feet, support
@@ -153,16 +154,15 @@ def test_a_process_learns_a_smooth_function_and_is_unsure_elsewhere() -> None:
     np.testing.assert_allclose(process.mean(np.array([[500.0]])), 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("frame", ["body", "push"])
-def test_a_correction_takes_away_an_error_that_repeats(dynamics: Dynamics, tmp_path: Path, frame) -> None:
+def test_a_correction_takes_away_an_error_that_repeats(dynamics: Dynamics, tmp_path: Path) -> None:
     pushes = read_pushes(*made(tmp_path, {"box": 60}))
     motion = pushes.motion * np.array([0.8, 0.8, 0.7])
     train, test = np.arange(40), np.arange(40, 60)
-    correction = Correction.fit(pushes.take(train), motion[train], frame)
+    correction = Correction.fit(pushes.take(train), motion[train])
     held_out = pushes.take(test)
     left = residuals(correction.motion(held_out, motion[test]), held_out)
     assert np.abs(left).mean() < 0.5 * np.abs(residuals(motion[test], held_out)).mean()
-    assert np.abs(correction.left_out(pushes.take(train))).mean() < np.abs(residuals(motion[test], held_out)).mean()
+    assert np.abs(correction.left_out).mean() < np.abs(residuals(motion[test], held_out)).mean()
 
 
 def test_an_adaptation_is_better_is_saved_and_is_read_the_same(dynamics: Dynamics, tmp_path: Path) -> None:
@@ -212,3 +212,20 @@ def test_centroid_of_a_support_is_that_of_its_shape() -> None:
     np.testing.assert_allclose(
         np.mean(support(shape, 1.0, (0.0, 0.0)), axis=0), centroid(np.array(shape.points)), atol=1e-9
     )
+
+
+def test_unseen_shapes_are_predicted_by_what_outlines_of_their_kind_have_in_common(
+    dynamics: Dynamics, tmp_path: Path
+) -> None:
+    assert [kind_of(shape) for shape in SHAPES] == ["round", "cornered", "cornered"]
+    pushes = read_pushes(*made(tmp_path, {"box": 15, "disc": 15}, Unknowns(0.1)))
+    learnt = adapt(dynamics, pushes)
+    assert learnt.of("abs", "box", SHAPES[1]) is learnt.materials["abs", "box"]
+    assert learnt.of("wood", "box", SHAPES[1]) is learnt.materials["abs", "box"]
+    assert learnt.of("abs", "new", SHAPES[2]) is learnt.kinds["cornered"]
+    assert learnt.of("abs", "new", SHAPES[0]) is learnt.kinds["round"]
+    scene = learnt.apply_to(scene_of(pushes, 0), "abs")
+    assert scene.bodies[0].support is not None
+    with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):
+        body = scene.bodies[0].replace(name="cup")
+        learnt.apply_to(scene.replace(bodies=(body,)), "abs")

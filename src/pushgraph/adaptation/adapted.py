@@ -1,15 +1,16 @@
 """A predictor adapted to a robot, its objects and surfaces."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph import pose
-from pushgraph.adaptation.correction import FEWEST, Correction, Frame
-from pushgraph.adaptation.fit import fit, linearized, residuals
+from pushgraph.adaptation.correction import FEWEST, MOST, Correction
+from pushgraph.adaptation.fit import Linearized, fit, linearized, residuals
+from pushgraph.adaptation.kinds import Kind, kind_of
 from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
 from pushgraph.adaptation.unknowns import COUNT, Estimate
@@ -17,6 +18,7 @@ from pushgraph.errors import AdaptationError
 from pushgraph.network.dynamics import Dynamics
 from pushgraph.real_pushes import RealPushes
 from pushgraph.scene import Scene
+from pushgraph.shape import BodyShape
 from pushgraph.spread import Spread
 
 Material = tuple[str, str]
@@ -66,16 +68,19 @@ ZERO_SHOT = Adapted(Estimate.prior())
 
 @dataclass(frozen=True, eq=False)
 class Adaptation:
-    """What was learnt of materials, and what they have in common, for any other."""
+    """What was learnt of materials, of the two kinds of outlines, with corners or round, and of everything together."""
 
     shared: Adapted
     materials: Mapping[Material, Adapted]
+    kinds: Mapping[Kind, Adapted] = field(default_factory=dict)
 
-    def of(self, surface: str, shape: str) -> Adapted:
-        """What is known of a material; of one that was not learnt, what was of its shape on another surface."""
+    def of(self, surface: str, shape: str, outline: BodyShape) -> Adapted:
+        """What is known of a material; of one that was not learnt, what is of its shape on another surface, of outlines
+        of its kind, or of all."""
         known = self.materials.get((surface, shape))
         elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
-        return known or max(elsewhere, key=lambda own: own.pushes, default=self.shared)
+        others = self.kinds.get(kind_of(outline), self.shared)
+        return known or max(elsewhere, key=lambda own: own.pushes, default=others)
 
     def apply_to(self, scene: Scene, surface: str) -> Scene:
         """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of.
@@ -86,12 +91,19 @@ class Adaptation:
         if not known:
             shapes = ", ".join(dict.fromkeys(shape for _, shape in self.materials))
             raise AdaptationError(f"no body of the scene bears the name of a shape that was learnt of; these: {shapes}")
-        return with_unknowns(scene, {name: self.of(surface, name).estimate for name in known})
+        return with_unknowns(
+            scene,
+            {
+                body.name: self.of(surface, body.name, body.shape).estimate
+                for body in scene.bodies
+                if body.name in known
+            },
+        )
 
     def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
         """Where recorded pushes end, each by what is known of its material."""
         ends, spreads = np.zeros((len(pushes), 3)), np.zeros((len(Spread._fields), len(pushes)))
-        known = [self.of(*names) for names in pushes.materials]
+        known = [self.of(*names, pushes.shapes[names[1]]) for names in pushes.materials]
         for one in {id(one): one for one in known}.values():
             names = [name for name, own in zip(pushes.materials, known, strict=True) if own is one]
             chosen = np.any([pushes.of(*name) for name in names], axis=0)
@@ -121,46 +133,62 @@ def adapt(
     if len(materials) == 1:
         own = _learnt(dynamics, pushes, Estimate.prior())
         return Adaptation(own, {materials[0]: own})
-    shared = adapt_to_all(dynamics, pushes).shared
+    general = adapt_to_all(dynamics, pushes)
+    prior = general.shared.estimate
     progress(1, total)
-    prior = Estimate(shared.estimate.mean, shared.estimate.covariance + np.diag(BETWEEN**2))
     found: dict[Material, Adapted] = dict(done or {})
     for number, names in enumerate(materials, start=2):
         of_material = pushes.take(pushes.of(*names))
         if names not in found and len(of_material) >= FEWEST:
             found[names] = _learnt(dynamics, of_material, prior)
         progress(number, total)
-    return Adaptation(shared, found)
-
-
-def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
-    """Unknowns and a correction for one material."""
-    estimate = fit(dynamics, _evenly(pushes, MOST_OWN), prior)
-    return _corrected(dynamics, pushes, estimate, estimate.covariance, "body")
+    return Adaptation(general.shared, found, general.kinds)
 
 
 def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
-    """Learn what all materials have in common alone; others are as far from it as they are from each other."""
+    """Learn what outlines of a kind have in common, and what all have, alone: for shapes that were not pushed."""
+    kinds = np.array([kind_of(pushes.shapes[name]) for name in pushes.shape.tolist()])
+    names = dict.fromkeys(kinds.tolist())
+    learnt = {
+        name: _in_common(dynamics, pushes.take(kinds == name)) for name in names if (kinds == name).sum() >= FEWEST
+    }
+    return Adaptation(_in_common(dynamics, pushes), {}, learnt)
+
+
+def _in_common(dynamics: Dynamics, pushes: RealPushes) -> Adapted:
+    """Unknowns of different shapes together; each of them may be off by BETWEEN."""
     deviations = np.ones(COUNT)
     deviations[CENTRE] = 1e-3
     some = _evenly(pushes, MOST_SHARED)
-    estimate = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
-    unknown = estimate.covariance + np.diag(BETWEEN**2)
-    return Adaptation(_corrected(dynamics, some, estimate, unknown, "push"), {})
-
-
-def _corrected(
-    dynamics: Dynamics, pushes: RealPushes, estimate: Estimate, unknown: Float[np.ndarray, "6 6"], frame: Frame
-) -> Adapted:
-    some = _evenly(pushes, 500)
+    found = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
+    estimate = Estimate(found.mean, found.covariance + np.diag(BETWEEN**2))
     at = linearized(dynamics, some, estimate.mean)
-    correction: Correction | None = Correction.fit(some, at.motion, frame)
-    error = correction.left_out(some) if correction.strength else residuals(at.motion, some)
+    return Adapted(estimate, None, _held(some, at, estimate, None, residuals(at.motion, some)), len(pushes))
+
+
+def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
+    """Unknowns and a correction for one material; no correction where it serves nothing."""
+    estimate = fit(dynamics, _evenly(pushes, MOST_OWN), prior)
+    some = _evenly(pushes, MOST)
+    at = linearized(dynamics, some, estimate.mean)
+    correction: Correction | None = Correction.fit(some, at.motion)
+    error = correction.left_out
     correction = correction if correction.strength else None
-    further = None if correction is None else correction.variance(some, at.motion)
-    stated = spread_of(some, covariance(some, at, unknown, further))
-    world = np.concatenate((pose.rotate(error[:, :2], some.before[:, 2]), error[:, 2:]), 1)
-    return Adapted(Estimate(estimate.mean, unknown), correction, _widening(stated, world), len(pushes))
+    return Adapted(estimate, correction, _held(some, at, estimate, correction, error), len(pushes))
+
+
+def _held(
+    pushes: RealPushes,
+    at: Linearized,
+    estimate: Estimate,
+    correction: Correction | None,
+    error: Float[np.ndarray, "pushes 3"],
+) -> tuple[float, float]:
+    """Factors of deviations that hold errors of motions as stated."""
+    further = None if correction is None else correction.variance(pushes, at.motion)
+    stated = spread_of(pushes, covariance(pushes, at, estimate.covariance, further))
+    world = np.concatenate((pose.rotate(error[:, :2], pushes.before[:, 2]), error[:, 2:]), 1)
+    return _widening(stated, world)
 
 
 def _widening(stated: Spread, error: Float[np.ndarray, "pushes 3"]) -> tuple[float, float]:

@@ -30,6 +30,7 @@ def save_adaptation(
     physics: hash of the weights whose predictions it is about. record: what it was learnt from.
     """
     everything = [("shared", None, adaptation.shared)]
+    everything += [(f"kind {k}", (None, kind), own) for k, (kind, own) in enumerate(adaptation.kinds.items())]
     everything += [(f"material {k}", name, own) for k, (name, own) in enumerate(adaptation.materials.items())]
     tensors: dict[str, Tensor] = {}
     described = []
@@ -49,7 +50,6 @@ def save_adaptation(
                 "pushes": adapted.pushes,
                 "learnt": adapted.estimate.lines(),
                 "widening": list(adapted.widening),
-                "frame": None if correction is None else correction.frame,
                 "strength": None if correction is None else correction.strength,
             }
         )
@@ -66,21 +66,21 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
     header, tensors = _read(path)
     if physics is not None and header["physics"] != physics:
         raise AdaptationError(f"{path}: was learnt about other physics weights than those that predict; adapt anew")
-    found: dict[tuple[str, str] | None, Adapted] = {}
+    found: dict[str, dict] = {"shared": {}, "kind": {}, "material": {}}
     for one in header["learnt"]:
         own = {name.split(".")[1]: values for name, values in tensors.items() if name.split(".")[0] == one["key"]}
         correction = None
-        if one["frame"] is not None:
+        if one["strength"] is not None:
             position, yaw = (
                 GaussianProcess(*(own[f"{part} {field}"] for field in GaussianProcess._fields))
                 for part in ("position", "yaw")
             )
-            correction = Correction(position, yaw, one["frame"], one["strength"])
+            correction = Correction(position, yaw, one["strength"])
         estimate = Estimate(own["mean"].numpy(), own["covariance"].numpy())
-        name = None if one["shape"] is None else (one["surface"], one["shape"])
-        found[name] = Adapted(estimate, correction, tuple(one["widening"]), one["pushes"])
-    shared = found.pop(None)
-    return Adaptation(shared, {name: own for name, own in found.items() if name is not None})
+        what = one["key"].split()[0]
+        name = (one["surface"], one["shape"]) if what == "material" else one["shape"]
+        found[what][name] = Adapted(estimate, correction, tuple(one["widening"]), one["pushes"])
+    return Adaptation(found["shared"][None], found["material"], found["kind"])
 
 
 def record_of(path: str | os.PathLike) -> Mapping[str, Any]:

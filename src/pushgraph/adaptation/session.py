@@ -73,7 +73,7 @@ def adapt_from_files(
     final = adapt(predictor.dynamics, pushes, lambda done, n: progress("learnt", done, n))
     refused = {(row.surface, row.shape) for row in validation if not row.kept}
     kept: dict[Material, Adapted] = {n: ZERO_SHOT if n in refused else own for n, own in final.materials.items()}
-    adaptation = Adaptation(final.shared, kept)
+    adaptation = Adaptation(final.shared, kept, final.kinds)
     told = [row._asdict() for row in validation]
     save_adaptation(adaptation, out, predictor.hash, {**record, "stage": "whole", "validation": told})
     partial.unlink(missing_ok=True)
