@@ -120,11 +120,10 @@ def adapt(
     dynamics: Dynamics,
     pushes: RealPushes,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    done: Mapping[Material, Adapted] | None = None,
 ) -> Adaptation:
     """Learn from recorded pushes: what all have in common, then each object on each surface by itself.
 
-    done: what was learnt of some already. Raises AdaptationError if there are too few pushes to learn from.
+    Raises AdaptationError if there are too few pushes to learn from.
     """
     if len(pushes) < FEWEST:
         raise AdaptationError(f"{len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
@@ -136,10 +135,10 @@ def adapt(
     general = adapt_to_all(dynamics, pushes)
     prior = general.shared.estimate
     progress(1, total)
-    found: dict[Material, Adapted] = dict(done or {})
+    found: dict[Material, Adapted] = {}
     for number, names in enumerate(materials, start=2):
         of_material = pushes.take(pushes.of(*names))
-        if names not in found and len(of_material) >= FEWEST:
+        if len(of_material) >= FEWEST:
             found[names] = _learnt(dynamics, of_material, prior)
         progress(number, total)
     return Adaptation(general.shared, found, general.kinds)
@@ -171,9 +170,9 @@ def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
     estimate = fit(dynamics, _evenly(pushes, MOST_OWN), prior)
     some = _evenly(pushes, MOST)
     at = linearized(dynamics, some, estimate.mean)
-    correction: Correction | None = Correction.fit(some, at.motion)
-    error = correction.left_out
-    correction = correction if correction.strength else None
+    tried = Correction.fit(some, at.motion)
+    error = tried.left_out
+    correction = tried if tried.strength else None
     return Adapted(estimate, correction, _held(some, at, estimate, correction, error), len(pushes))
 
 
@@ -198,8 +197,14 @@ def _widening(stated: Spread, error: Float[np.ndarray, "pushes 3"]) -> tuple[flo
     turn = np.abs(error[:, 2]) / stated.yaw
     held = np.sqrt(DEGREES * ((1 - STATED) ** (-2 / DEGREES) - 1)), DEGREES * ((1 - STATED) ** (-1 / DEGREES) - 1)
     count = len(error)
-    factors = [np.quantile(values, STATED) / bound for values, bound in zip((radius, turn), held, strict=True)]
-    return tuple(float((count * factor + TRUSTED) / (count + TRUSTED)) for factor in factors)
+    position, turning = (
+        np.quantile(values, STATED) / bound for values, bound in zip((radius, turn), held, strict=True)
+    )
+
+    def trusted(factor: float) -> float:
+        return float((count * factor + TRUSTED) / (count + TRUSTED))
+
+    return trusted(position), trusted(turning)
 
 
 def _evenly(pushes: RealPushes, most: int) -> RealPushes:

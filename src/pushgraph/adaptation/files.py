@@ -29,7 +29,7 @@ def save_adaptation(
 
     physics: hash of the weights whose predictions it is about. record: what it was learnt from.
     """
-    everything = [("shared", None, adaptation.shared)]
+    everything: list[tuple[str, tuple[str | None, str] | None, Adapted]] = [("shared", None, adaptation.shared)]
     everything += [(f"kind {k}", (None, kind), own) for k, (kind, own) in enumerate(adaptation.kinds.items())]
     everything += [(f"material {k}", name, own) for k, (name, own) in enumerate(adaptation.materials.items())]
     tensors: dict[str, Tensor] = {}

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -121,7 +122,9 @@ def results_of(measures: RealMeasures, protocol: Mapping[str, object]) -> Result
             own = np.ones(len(one.index), dtype=bool)
             for name, value in labels.items():
                 own &= columns[name][one.index] == value
-            every = {name: ALL for name in LABELS} | labels | {"split": one.split, "pushes": one.adapted_with}
+            every: dict[str, Any] = (
+                {name: ALL for name in LABELS} | labels | {"split": one.split, "pushes": one.adapted_with}
+            )
             for (metric, unit), values in zip(METRICS, one.errors[own].T, strict=True):
                 results.add(one.model, metric, unit, values, one.index[own], **every)
             if one.held is not None:

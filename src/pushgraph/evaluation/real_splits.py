@@ -80,7 +80,7 @@ def evaluate_splits(
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> list[Measured]:
     """Measure all splits; what `folder` holds already is not computed anew."""
-    jobs = jobs_of(pushes, seed, str(contact), folder)
+    jobs = jobs_of(pushes, seed, str(contact), folder, SIZES)
     for done, _ in enumerate(run_in_processes(_measure, jobs, workers), start=1):
         progress("splits", done, len(jobs))
     found: dict[tuple[str, int, str], list[Measured]] = {}
@@ -121,7 +121,7 @@ def _measure(job: Job) -> None:
     columns = {f"{one.model}.errors": one.errors for one in some}
     columns |= {f"{one.model}.held": one.held for one in some if one.held is not None}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, size=size, index=asked, **columns)
+        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]
 
 
 def _adapted(job: Job, dynamics: Dynamics) -> Adaptation:
