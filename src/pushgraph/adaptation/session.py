@@ -20,6 +20,8 @@ LEFT_OUT = 5
 """One of so many pushes is left out for validation."""
 WORSE = 1.02
 """An adaptation that is worse by more than this on pushes left out is not kept."""
+TELLING = 8
+"""Fewer pushes left out tell nothing: single ones differ by more than adapting changes."""
 
 
 class Validation(NamedTuple):
@@ -33,9 +35,9 @@ class Validation(NamedTuple):
 
     @property
     def kept(self) -> bool:
-        """Whether the adaptation is worth it, in both errors together."""
+        """Whether the adaptation is worth it, in both errors together, as far as so many pushes tell."""
         ratios = [after / max(before, 1e-9) for before, after in zip(self.before, self.after, strict=True)]
-        return sum(ratios) <= 2 and max(ratios) <= WORSE
+        return self.pushes < TELLING or (sum(ratios) <= 2 and max(ratios) <= WORSE)
 
 
 class Session(NamedTuple):
