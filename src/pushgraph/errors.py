@@ -65,5 +65,13 @@ class BeliefError(PushGraphError):
     """What was observed cannot be, or cannot be learnt from."""
 
 
+class RealPushError(PushGraphError):
+    """Recorded pushes, or the outlines of their objects, are not valid."""
+
+
+class AdaptationError(PushGraphError):
+    """Nothing can be learnt from these pushes, or an adaptation cannot be read."""
+
+
 class RangeWarning(UserWarning):
     """A scene is unlike those that a predictor was checked on."""

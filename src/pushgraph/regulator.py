@@ -10,6 +10,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph import pose
+from pushgraph.adaptation.online import PoseLike, PushLearner
+from pushgraph.adaptation.unknowns import Estimate
 from pushgraph.belief import BeliefModel, Watch
 from pushgraph.believed_joint import BelievedJoint
 from pushgraph.believed_mass import BelievedMass, Interval
@@ -20,9 +22,11 @@ from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
 from pushgraph.mass_chains import LEVELS
 from pushgraph.parting import parted
+from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import wrap_angle
 from pushgraph.scene import Scene
 from pushgraph.shape import Polygon
+from pushgraph.tool import Push
 from pushgraph.track import FRAME
 from pushgraph.wrench import check_measured
 
@@ -79,6 +83,7 @@ class BeliefRegulator:
         self._ever_seen = np.zeros(len(self._poses), dtype=bool)
         self._yaw_known = np.array([True, *(body.yaw_known for body in scene.bodies)])
         self._watch: Watch | None = None
+        self._pushes: PushLearner | None = None
 
     def observe(
         self,
@@ -123,6 +128,20 @@ class BeliefRegulator:
         self.frames += 1
         return self.probabilities
 
+    def observe_push(self, start: PoseLike, end: PoseLike, probe: Push, body: str | None = None) -> Estimate:
+        """Learn side friction and pressure from a push that moved one body alone; `scene` then has them.
+
+        start, end: pose_world_from_body before and after. probe: what the tool did. body: its name, where the scene has
+        several. Returns what is believed of its unknowns now.
+        """
+        names = self.original.names
+        name = names[0] if body is None and len(names) == 1 else body
+        if name not in names:
+            raise BeliefError(f"body: no body {name!r} was pushed; valid: {', '.join(names)}")
+        if self._pushes is None:
+            self._pushes = PushLearner(PhysicsPredictor.load().dynamics)
+        return self._pushes.observe(self.original, name, start, end, probe)
+
     @property
     def probabilities(self) -> Float[np.ndarray, "pairs joints"]:
         """Of every joint of every pair, as it is believed now."""
@@ -146,9 +165,10 @@ class BeliefRegulator:
             body.replace(pose_world_from_body=tuple(place), mass=masses.get(body.name, body.mass))
             for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
         )
-        return self.original.replace(
+        scene = self.original.replace(
             bodies=bodies, joints=tuple(self._joints(relations, poses)), unknown_pairs=(), pushes=()
         )
+        return scene if self._pushes is None else self._pushes.apply_to(scene)
 
     def joints(self) -> list[BelievedJoint]:
         """Where the joints sit that are believed now: of every pair that is likelier joined than not, and not given."""

@@ -7,10 +7,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from pushgraph.cli import (
+    adapting,
     data,
     evaluating,
     evaluating_masses,
     evaluating_plans,
+    evaluating_real,
     evaluating_recordings,
     filming,
     planning,
@@ -34,13 +36,15 @@ for command in (
     scenes.simulate,
     filming.film,
     data.generate,
+    adapting.adapt,
 ):
     app.command()(command)
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
 app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
-for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_recordings.COMMANDS).items():
-    evaluating.app.command(name)(measure)
+for suites in (evaluating_masses, evaluating_plans, evaluating_real, evaluating_recordings):
+    for name, measure in suites.COMMANDS.items():
+        evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 
 

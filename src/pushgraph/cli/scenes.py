@@ -87,6 +87,10 @@ def predict(
     ] = "given",
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
     model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
+    adaptation: Annotated[
+        Path | None, typer.Option(help="What pushgraph adapt wrote: of bodies that bear the names of its shapes.")
+    ] = None,
+    surface: Annotated[str, typer.Option(help="With --adaptation: the table's, as named there.")] = "",
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
@@ -127,6 +131,10 @@ def predict(
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
     predictor = PhysicsPredictor.load(model)
+    if adaptation is not None:
+        from pushgraph.adaptation.files import load_adaptation
+
+        given = load_adaptation(adaptation, predictor.hash).apply_to(given, surface)
     warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread

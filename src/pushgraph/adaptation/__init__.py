@@ -1,0 +1,1 @@
+"""Learning from a real robot's pushes: physical unknowns first, then a small correction."""

@@ -1,0 +1,213 @@
+"""A predictor adapted to a robot, its objects and surfaces."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from pushgraph import pose
+from pushgraph.adaptation.correction import FEWEST, MOST, Correction
+from pushgraph.adaptation.fit import Linearized, fit, linearized, residuals
+from pushgraph.adaptation.kinds import Kind, kind_of
+from pushgraph.adaptation.scenes import with_unknowns
+from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
+from pushgraph.adaptation.unknowns import COUNT, Estimate
+from pushgraph.errors import AdaptationError
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.real_pushes import RealPushes
+from pushgraph.scene import Scene
+from pushgraph.shape import BodyShape
+from pushgraph.spread import Spread
+
+Material = tuple[str, str]
+"""Names of a surface and a shape."""
+MOST_SHARED, MOST_OWN = 360, 240
+"""Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
+CENTRE = slice(2, 4)
+"""Unknowns that different shapes do not share: the centre of pressure."""
+BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 0.5, 0.5])
+"""How far objects are from what all have in common (prior deviations)."""
+STATED = 0.68
+"""Share of errors that spreads are widened to hold."""
+TRUSTED = 20
+"""So many pushes count as much as what spreads say without any."""
+
+
+class Prediction(NamedTuple):
+    """Final poses in the world, and how far off each may be."""
+
+    ends: Float[np.ndarray, "pushes 3"]
+    spread: Spread
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """What was learnt of one object on one surface, or of all of them.
+
+    pushes: how many it was learnt from. widening: factors of the deviations of positions and yaws.
+    """
+
+    estimate: Estimate
+    correction: Correction | None = None
+    widening: tuple[float, float] = (1.0, 1.0)
+    pushes: int = 0
+
+    def motion(self, dynamics: Dynamics, pushes: RealPushes) -> tuple[Float[np.ndarray, "pushes 3"], Spread]:
+        """How objects move, in their own frames before, and the spread of where they end."""
+        at = linearized(dynamics, pushes, self.estimate.mean)
+        further = None if self.correction is None else self.correction.variance(pushes, at.motion)
+        motion = at.motion if self.correction is None else self.correction.motion(pushes, at.motion)
+        spread = spread_of(pushes, covariance(pushes, at, self.estimate.covariance, further), *self.widening)
+        return motion, spread
+
+
+ZERO_SHOT = Adapted(Estimate.prior())
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """What was learnt of materials, of the two kinds of outlines, with corners or round, and of everything together."""
+
+    shared: Adapted
+    materials: Mapping[Material, Adapted]
+    kinds: Mapping[Kind, Adapted] = field(default_factory=dict)
+
+    def of(self, surface: str, shape: str, outline: BodyShape) -> Adapted:
+        """What is known of a material; of one that was not learnt, what is of its shape on another surface, of outlines
+        of its kind, or of all."""
+        known = self.materials.get((surface, shape))
+        elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
+        others = self.kinds.get(kind_of(outline), self.shared)
+        return known or max(elsewhere, key=lambda own: own.pushes, default=others)
+
+    def apply_to(self, scene: Scene, surface: str) -> Scene:
+        """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of.
+
+        Raises AdaptationError if there is none. Corrections, and offsets of the probe, are not of the scene.
+        """
+        known = {shape for _, shape in self.materials} & set(scene.names)
+        if not known:
+            shapes = ", ".join(dict.fromkeys(shape for _, shape in self.materials))
+            raise AdaptationError(f"no body of the scene bears the name of a shape that was learnt of; these: {shapes}")
+        return with_unknowns(
+            scene,
+            {
+                body.name: self.of(surface, body.name, body.shape).estimate
+                for body in scene.bodies
+                if body.name in known
+            },
+        )
+
+    def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
+        """Where recorded pushes end, each by what is known of its material."""
+        ends, spreads = np.zeros((len(pushes), 3)), np.zeros((len(Spread._fields), len(pushes)))
+        known = [self.of(*names, pushes.shapes[names[1]]) for names in pushes.materials]
+        for one in {id(one): one for one in known}.values():
+            names = [name for name, own in zip(pushes.materials, known, strict=True) if own is one]
+            chosen = np.any([pushes.of(*name) for name in names], axis=0)
+            motion, spread = one.motion(dynamics, pushes.take(chosen))
+            ends[chosen] = pose.compose(pushes.before[chosen], motion)
+            spreads[:, chosen] = np.stack(spread)
+        return Prediction(ends, Spread(*spreads))
+
+
+NOT_ADAPTED = Adaptation(ZERO_SHOT, {})
+
+
+def adapt(
+    dynamics: Dynamics,
+    pushes: RealPushes,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Adaptation:
+    """Learn from recorded pushes: what all have in common, then each object on each surface by itself.
+
+    Raises AdaptationError if there are too few pushes to learn from.
+    """
+    if len(pushes) < FEWEST:
+        raise AdaptationError(f"{len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
+    materials = pushes.materials
+    total = len(materials) + (len(materials) > 1)
+    if len(materials) == 1:
+        own = _learnt(dynamics, pushes, Estimate.prior())
+        return Adaptation(own, {materials[0]: own})
+    general = adapt_to_all(dynamics, pushes)
+    prior = general.shared.estimate
+    progress(1, total)
+    found: dict[Material, Adapted] = {}
+    for number, names in enumerate(materials, start=2):
+        of_material = pushes.take(pushes.of(*names))
+        if len(of_material) >= FEWEST:
+            found[names] = _learnt(dynamics, of_material, prior)
+        progress(number, total)
+    return Adaptation(general.shared, found, general.kinds)
+
+
+def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
+    """Learn what outlines of a kind have in common, and what all have, alone: for shapes that were not pushed."""
+    kinds = np.array([kind_of(pushes.shapes[name]) for name in pushes.shape.tolist()])
+    names = dict.fromkeys(kinds.tolist())
+    learnt = {
+        name: _in_common(dynamics, pushes.take(kinds == name)) for name in names if (kinds == name).sum() >= FEWEST
+    }
+    return Adaptation(_in_common(dynamics, pushes), {}, learnt)
+
+
+def _in_common(dynamics: Dynamics, pushes: RealPushes) -> Adapted:
+    """Unknowns of different shapes together; each of them may be off by BETWEEN."""
+    deviations = np.ones(COUNT)
+    deviations[CENTRE] = 1e-3
+    some = _evenly(pushes, MOST_SHARED)
+    found = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
+    estimate = Estimate(found.mean, found.covariance + np.diag(BETWEEN**2))
+    at = linearized(dynamics, some, estimate.mean)
+    return Adapted(estimate, None, _held(some, at, estimate, None, residuals(at.motion, some)), len(pushes))
+
+
+def _learnt(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
+    """Unknowns and a correction for one material; no correction where it serves nothing."""
+    estimate = fit(dynamics, _evenly(pushes, MOST_OWN), prior)
+    some = _evenly(pushes, MOST)
+    at = linearized(dynamics, some, estimate.mean)
+    tried = Correction.fit(some, at.motion)
+    error = tried.left_out
+    correction = tried if tried.strength else None
+    return Adapted(estimate, correction, _held(some, at, estimate, correction, error), len(pushes))
+
+
+def _held(
+    pushes: RealPushes,
+    at: Linearized,
+    estimate: Estimate,
+    correction: Correction | None,
+    error: Float[np.ndarray, "pushes 3"],
+) -> tuple[float, float]:
+    """Factors of deviations that hold errors of motions as stated."""
+    further = None if correction is None else correction.variance(pushes, at.motion)
+    stated = spread_of(pushes, covariance(pushes, at, estimate.covariance, further))
+    world = np.concatenate((pose.rotate(error[:, :2], pushes.before[:, 2]), error[:, 2:]), 1)
+    return _widening(stated, world)
+
+
+def _widening(stated: Spread, error: Float[np.ndarray, "pushes 3"]) -> tuple[float, float]:
+    """Factors of deviations so that these errors are held as stated; few errors change little."""
+    own = pose.rotate(error[:, :2], -stated.direction)
+    radius = np.hypot(own[:, 0] / stated.along, own[:, 1] / stated.across)
+    turn = np.abs(error[:, 2]) / stated.yaw
+    held = np.sqrt(DEGREES * ((1 - STATED) ** (-2 / DEGREES) - 1)), DEGREES * ((1 - STATED) ** (-1 / DEGREES) - 1)
+    count = len(error)
+    position, turning = (
+        np.quantile(values, STATED) / bound for values, bound in zip((radius, turn), held, strict=True)
+    )
+
+    def trusted(factor: float) -> float:
+        return float((count * factor + TRUSTED) / (count + TRUSTED))
+
+    return trusted(position), trusted(turning)
+
+
+def _evenly(pushes: RealPushes, most: int) -> RealPushes:
+    if len(pushes) <= most:
+        return pushes
+    return pushes.take(np.linspace(0, len(pushes) - 1, most).round().astype(int))

@@ -1,0 +1,108 @@
+"""Adapting from files: what it is worth is told by pushes left out, and what is done is kept."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pushgraph.adaptation.adapted import NOT_ADAPTED, ZERO_SHOT, Adaptation, Adapted, Material, adapt
+from pushgraph.adaptation.correction import FEWEST
+from pushgraph.adaptation.files import load_adaptation, record_of, save_adaptation
+from pushgraph.checksum import checksum_line
+from pushgraph.errors import AdaptationError
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.pose import wrap_angle
+from pushgraph.real_pushes import RealPushes, read_pushes
+
+LEFT_OUT = 5
+"""One of so many pushes is left out for validation."""
+WORSE = 1.02
+"""An adaptation that is worse by more than this on pushes left out is not kept."""
+TELLING = 8
+"""Fewer pushes left out tell nothing: single ones differ by more than adapting changes."""
+
+
+class Validation(NamedTuple):
+    """Mean errors (mm, degrees) on pushes left out, before and after; kept: whether the adaptation is."""
+
+    surface: str
+    shape: str
+    pushes: int
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+    @property
+    def kept(self) -> bool:
+        """Whether the adaptation is worth it, in both errors together, as far as so many pushes tell."""
+        ratios = [after / max(before, 1e-9) for before, after in zip(self.before, self.after, strict=True)]
+        return self.pushes < TELLING or (sum(ratios) <= 2 and max(ratios) <= WORSE)
+
+
+class Session(NamedTuple):
+    """What was learnt, and what it is worth."""
+
+    adaptation: Adaptation
+    validation: list[Validation]
+
+
+def adapt_from_files(
+    data: str | os.PathLike,
+    outlines: str | os.PathLike,
+    out: Path,
+    count: int | None = None,
+    contact: str | os.PathLike = "contact",
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Session:
+    """Learn from a table of pushes, and write it; goes on with what `out` with `.partial` holds of the same input."""
+    pushes = read_pushes(data, outlines)
+    if count is not None and count < len(pushes):
+        pushes = pushes.take(np.linspace(0, len(pushes) - 1, count).round().astype(int))
+    if len(pushes) < FEWEST:
+        raise AdaptationError(f"{data}: {len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
+    predictor = PhysicsPredictor.load(contact)
+    record = {"data": Path(data).name, "pushes": len(pushes), "fingerprint": _fingerprint(pushes), "stage": "partial"}
+    partial = out.with_name(f"{out.stem}.partial{out.suffix}")
+    left_out = np.zeros(len(pushes), dtype=bool)
+    for names in pushes.materials:
+        left_out[np.flatnonzero(pushes.of(*names))[LEFT_OUT - 1 :: LEFT_OUT]] = True
+    tried = _resumed(partial, record)
+    if tried is None:
+        tried = adapt(predictor.dynamics, pushes.take(~left_out), lambda done, n: progress("validated", done, n))
+        save_adaptation(tried, partial, predictor.hash, record)
+    validation = _validated(predictor, tried, pushes.take(left_out))
+    final = adapt(predictor.dynamics, pushes, lambda done, n: progress("learnt", done, n))
+    refused = {(row.surface, row.shape) for row in validation if not row.kept}
+    kept: dict[Material, Adapted] = {n: ZERO_SHOT if n in refused else own for n, own in final.materials.items()}
+    adaptation = Adaptation(final.shared, kept, final.kinds)
+    told = [row._asdict() for row in validation]
+    save_adaptation(adaptation, out, predictor.hash, {**record, "stage": "whole", "validation": told})
+    partial.unlink(missing_ok=True)
+    return Session(adaptation, validation)
+
+
+def _validated(predictor: PhysicsPredictor, adaptation: Adaptation, pushes: RealPushes) -> list[Validation]:
+    before = NOT_ADAPTED.predict(predictor.dynamics, pushes).ends - pushes.after
+    after = adaptation.predict(predictor.dynamics, pushes).ends - pushes.after
+    found = []
+    for surface, shape in pushes.materials:
+        own = pushes.of(surface, shape)
+        found.append(Validation(surface, shape, int(own.sum()), _means(before[own]), _means(after[own])))
+    return found
+
+
+def _means(apart: np.ndarray) -> tuple[float, float]:
+    turned = np.abs(wrap_angle(apart[:, 2]))
+    return float(1e3 * np.hypot(apart[:, 0], apart[:, 1]).mean()), float(np.degrees(turned).mean())
+
+
+def _resumed(partial: Path, record: dict) -> Adaptation | None:
+    if not partial.is_file() or record_of(partial) != record:
+        return None
+    return load_adaptation(partial)
+
+
+def _fingerprint(pushes: RealPushes) -> str:
+    columns = np.concatenate((pushes.before, pushes.after, pushes.probe_start, pushes.probe_end), 1)
+    return checksum_line(columns.tobytes()).decode(errors="replace").strip()

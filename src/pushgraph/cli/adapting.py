@@ -1,0 +1,66 @@
+"""The command adapt."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import Progress
+from rich.table import Table
+
+from pushgraph.cli.evaluating_real import Data, Outlines
+from pushgraph.cli.output import BAR, console
+
+
+def adapt(
+    data: Data,
+    outlines: Outlines,
+    out: Annotated[Path, typer.Option(help="File to write (safetensors).")] = Path("adaptation.safetensors"),
+    count: Annotated[int | None, typer.Option(min=1, help="Pushes, spread over all.", show_default="all")] = None,
+    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+) -> None:
+    """Learn from recorded pushes of a real robot: side frictions, pressures, the probe's offset, then a correction.
+
+    A fifth of each shape on each surface is left out and tells what it is worth; then everything is learnt from. Where
+    it is not worth anything there, the zero-shot prediction stays. The same command goes on after a kill.
+
+    Examples:
+
+    `pushgraph adapt --data pushes.csv --outlines outlines.json --out my.safetensors`
+
+    `pushgraph evaluate real --data others.csv --outlines outlines.json --adaptation my.safetensors`
+    """
+    from pushgraph.adaptation.session import adapt_from_files
+
+    with Progress(*BAR, console=console) as progress:
+        bars = {what: progress.add_task(what, total=None) for what in ("validated", "learnt")}
+        session = adapt_from_files(
+            data,
+            outlines,
+            out,
+            count,
+            contact,
+            lambda what, done, n: progress.update(bars[what], completed=done, total=n),
+        )
+    console.print(_validation_table(session))
+    console.print(_unknowns_table(session.adaptation))
+    console.print(f"Written: {out}", soft_wrap=True, markup=False)
+
+
+def _validation_table(session) -> Table:
+    table = Table(title="Pushes left out: mean errors, mm / degrees", pad_edge=False)
+    for name in ("surface", "shape", "pushes", "before", "after", "kept"):
+        table.add_column(name, justify="left" if name in ("surface", "shape", "kept") else "right")
+    for row in session.validation:
+        cells = (f"{row.before[0]:.2f} / {row.before[1]:.2f}", f"{row.after[0]:.2f} / {row.after[1]:.2f}")
+        table.add_row(row.surface, row.shape, str(row.pushes), *cells, "adapted" if row.kept else "zero-shot")
+    return table
+
+
+def _unknowns_table(adaptation) -> Table:
+    table = Table(title="What was learnt, with standard deviations", pad_edge=False)
+    table.add_column("material")
+    table.add_column("unknowns")
+    everything = [("all", adaptation.shared), *((" ".join(name), own) for name, own in adaptation.materials.items())]
+    for name, own in everything:
+        table.add_row(name, "; ".join(own.estimate.lines()))
+    return table

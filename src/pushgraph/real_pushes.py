@@ -1,0 +1,249 @@
+"""Recorded straight pushes of single objects by a round probe: poses before and after, and the outlines of the objects.
+
+The table is a CSV file, packed with gzip or not, one push a row, in the columns COLUMNS; further columns
+`NAME_x1, NAME_y1, NAME_yaw1` are final poses as another model states them. The outlines are JSON,
+`{shape: {"polygon": [[x, y], ...]} or {"ellipse": [full x axis, full y axis]}}`, in the object's frame. SI units, but
+for the speed.
+"""
+
+import csv
+import gzip
+import io
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from pushgraph import pose
+from pushgraph.errors import RealPushError, SceneError
+from pushgraph.shape import BodyShape, Cuboid, Cylinder, Polygon
+
+BEFORE, AFTER = ("x0", "y0", "yaw0"), ("x1", "y1", "yaw1")
+PROBE_START, PROBE_END = ("tip_x0", "tip_y0"), ("tip_x1", "tip_y1")
+SPEED = "speed_mm_s"
+LABELS = ("surface", "shape")
+NUMBERS = (SPEED, *BEFORE, *AFTER, *PROBE_START, *PROBE_END)
+COLUMNS = (*LABELS, *NUMBERS)
+PROBE_RADIUS = 0.00475
+"""Of the probe (m), unless told otherwise."""
+DEEPEST = 0.008
+"""A probe that starts deeper inside the outline (m) is refused; less comes from measuring both."""
+SIDES = 64
+"""An ellipse stands as a polygon of so many sides."""
+
+
+@dataclass(frozen=True, eq=False)
+class RealPushes:
+    """Recorded pushes.
+
+    shapes: by name. surface, shape: names of each push's. speed: of the probe (m/s). before, after:
+    pose_world_from_body. probe_start, probe_end: its centre, in the world (m). stated: final poses as other models
+    state them, by model. probe_radius: (m).
+    """
+
+    shapes: Mapping[str, BodyShape]
+    surface: np.ndarray
+    shape: np.ndarray
+    speed: Float[np.ndarray, " pushes"]
+    before: Float[np.ndarray, "pushes 3"]
+    after: Float[np.ndarray, "pushes 3"]
+    probe_start: Float[np.ndarray, "pushes 2"]
+    probe_end: Float[np.ndarray, "pushes 2"]
+    stated: Mapping[str, Float[np.ndarray, "pushes 3"]]
+    probe_radius: float = PROBE_RADIUS
+
+    def __len__(self) -> int:
+        return len(self.speed)
+
+    def take(self, index: Int[np.ndarray, " some"] | Bool[np.ndarray, " pushes"]) -> "RealPushes":
+        """Some of the pushes, in the order of `index`."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        chosen = {name: values[index] for name, values in columns.items() if isinstance(values, np.ndarray)}
+        return replace(self, **chosen, stated={name: poses[index] for name, poses in self.stated.items()})
+
+    @property
+    def materials(self) -> list[tuple[str, str]]:
+        """The pairs of surface and shape there are, in order of their first push."""
+        return list(dict.fromkeys(zip(self.surface.tolist(), self.shape.tolist(), strict=True)))
+
+    def of(self, surface: str | None = None, shape: str | None = None) -> Bool[np.ndarray, " pushes"]:
+        """Which pushes are on a surface and of a shape; None: of all."""
+        chosen = np.ones(len(self), dtype=bool)
+        for values, name in ((self.surface, surface), (self.shape, shape)):
+            chosen &= True if name is None else values == name
+        return chosen
+
+    @property
+    def motion(self) -> Float[np.ndarray, "pushes 3"]:
+        """pose_before_from_after: how each object moved, in its own frame before; yaw within half a turn."""
+        return self.in_body(self.after)
+
+    def in_body(self, poses_world: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 3"]:
+        """Final poses in the frame of each object before its push."""
+        found = pose.relative(self.before, poses_world)
+        found[:, 2] = pose.wrap_angle(found[:, 2])
+        return found
+
+    @property
+    def start_in_body(self) -> Float[np.ndarray, "pushes 2"]:
+        """Where the probe starts, in the frame of the object (m)."""
+        return pose.transform(pose.inverse(self.before), self.probe_start)
+
+    @property
+    def end_in_body(self) -> Float[np.ndarray, "pushes 2"]:
+        """Where the probe ends, in the frame of the object before the push (m)."""
+        return pose.transform(pose.inverse(self.before), self.probe_end)
+
+
+def read_pushes(data: str | os.PathLike, outlines: str | os.PathLike) -> RealPushes:
+    """Read recorded pushes and the outlines of their objects.
+
+    Raises RealPushError, naming the file, row and column, if there is anything that cannot be.
+    """
+    shapes = read_outlines(outlines)
+    names, rows = _table(Path(data))
+    missing = [name for name in COLUMNS if name not in names]
+    if missing:
+        raise RealPushError(f"{data}: row 1: no column {', '.join(missing)}; needed: {', '.join(COLUMNS)}")
+    if not rows:
+        raise RealPushError(f"{data}: holds no push below its header; each row is one")
+    models = [name.removesuffix("_x1") for name in names if name.endswith("_x1")]
+    models = [name for name in models if all(f"{name}_{column}" in names for column in AFTER)]
+    columns = {name: _numbers(data, rows, name) for name in (*NUMBERS, *(f"{m}_{c}" for m in models for c in AFTER))}
+
+    def stacked(*names: str) -> np.ndarray:
+        return np.stack([columns[name] for name in names], -1)
+
+    for number, row in enumerate(rows, start=2):
+        if row["shape"] not in shapes:
+            raise RealPushError(
+                f"{data}: row {number}, column shape: no outline of {row['shape']!r} in {outlines}; "
+                f"it has: {', '.join(shapes)}"
+            )
+    pushes = RealPushes(
+        shapes=shapes,
+        surface=np.array([row["surface"] for row in rows]),
+        shape=np.array([row["shape"] for row in rows]),
+        speed=columns[SPEED] / 1e3,
+        before=stacked(*BEFORE),
+        after=stacked(*AFTER),
+        probe_start=stacked(*PROBE_START),
+        probe_end=stacked(*PROBE_END),
+        stated={model: stacked(*(f"{model}_{column}" for column in AFTER)) for model in models},
+    )
+    _check(data, pushes)
+    return pushes
+
+
+def read_outlines(path: str | os.PathLike) -> dict[str, BodyShape]:
+    """Shapes by name; raises RealPushError, naming the shape, if one is none."""
+    try:
+        described = json.loads(Path(path).read_text())
+    except (OSError, ValueError) as error:
+        raise RealPushError(f"{path}: cannot read these outlines: {error}") from None
+    if not isinstance(described, dict) or not described:
+        raise RealPushError(f"{path}: outlines must be an object of {{shape: outline}}")
+    shapes = {}
+    for name, outline in described.items():
+        try:
+            shapes[name] = _shape_of(outline)
+        except (SceneError, TypeError, ValueError) as error:
+            raise RealPushError(f"{path}: shape {name!r}: {error}") from None
+    return shapes
+
+
+def outline_of(shape: BodyShape) -> Float[np.ndarray, "points 2"]:
+    """The outline of a shape, counter-clockwise (m); circles as polygons of SIDES."""
+    if isinstance(shape, Cuboid):
+        return np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * np.array(shape.size) / 2
+    if isinstance(shape, Cylinder):
+        return _ellipse(shape.diameter, shape.diameter)
+    return np.array(shapely.Polygon(shape.points).normalize().reverse().exterior.coords)[:-1]
+
+
+def _shape_of(outline: Any) -> BodyShape:
+    kinds = set(outline) if isinstance(outline, dict) else set()
+    if kinds == {"ellipse"}:
+        x, y = (float(axis) for axis in outline["ellipse"])
+        if not (0 < x < math.inf and 0 < y < math.inf):
+            raise ValueError(f"ellipse: both axes must be positive lengths, got {[x, y]}")
+        return Cylinder(diameter=x) if x == y else Polygon(points=_tuples(_ellipse(x, y)))
+    if kinds != {"polygon"}:
+        raise ValueError('must be {"polygon": [[x, y], ...]} or {"ellipse": [full x axis, full y axis]}')
+    points = np.array(outline["polygon"], dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError("polygon: must be a list of points [x, y]")
+    size = np.ptp(points, axis=0)
+    if len(points) == 4 and np.allclose(np.abs(points), size / 2, atol=1e-9) and len(np.unique(points, axis=0)) == 4:
+        polygon = Polygon(points=_tuples(points))  # refuses what crosses itself
+        return Cuboid(size=(float(size[0]), float(size[1])), height=polygon.height)
+    return Polygon(points=_tuples(points))
+
+
+def _ellipse(x: float, y: float) -> Float[np.ndarray, "points 2"]:
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    return np.stack((x / 2 * np.cos(angle), y / 2 * np.sin(angle)), -1)
+
+
+def _tuples(points: Float[np.ndarray, "points 2"]) -> tuple[tuple[float, float], ...]:
+    return tuple((x, y) for x, y in points.tolist())
+
+
+def _table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    """Names of the columns, and rows."""
+    try:
+        content = path.read_bytes()
+        text = (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise RealPushError(f"{path}: cannot read these pushes: {error}") from None
+    reader = csv.DictReader(io.StringIO(text, newline=""))
+    return list(reader.fieldnames or []), list(reader)
+
+
+def _numbers(path: str | os.PathLike, rows: Sequence[Mapping[str, str]], name: str) -> Float[np.ndarray, " rows"]:
+    values = np.empty(len(rows))
+    for k, row in enumerate(rows):
+        try:
+            values[k] = float(row[name])
+        except (TypeError, ValueError):
+            raise RealPushError(f"{path}: row {k + 2}, column {name}: {row[name]!r} is no number") from None
+        if not math.isfinite(values[k]):
+            raise RealPushError(f"{path}: row {k + 2}, column {name}: {row[name]} is not finite; poses must be")
+    return values
+
+
+def _check(path: str | os.PathLike, pushes: RealPushes) -> None:
+    slow = np.flatnonzero(pushes.speed <= 0)
+    if len(slow):
+        raise RealPushError(f"{path}: row {slow[0] + 2}, column {SPEED}: must be positive, got {pushes.speed[slow[0]]}")
+    moved = np.hypot(*(pushes.probe_end - pushes.probe_start).T)
+    still = np.flatnonzero(moved == 0)
+    if len(still):
+        raise RealPushError(
+            f"{path}: row {still[0] + 2}, columns {', '.join(PROBE_START + PROBE_END)}: the probe does not move"
+        )
+    start = pushes.start_in_body
+    for name in dict.fromkeys(pushes.shape.tolist()):
+        chosen = np.flatnonzero(pushes.of(shape=name))
+        deep = pushes.probe_radius + depths(pushes.shapes[name], start[chosen])
+        if deep.max() > DEEPEST:
+            worst = int(deep.argmax())
+            raise RealPushError(
+                f"{path}: row {chosen[worst] + 2}, columns {', '.join(PROBE_START)}: the probe, of radius "
+                f"{1e3 * pushes.probe_radius:g} mm, starts {1e3 * deep[worst]:.1f} mm inside {name!r}; at most "
+                f"{1e3 * DEEPEST:g} mm is taken for an error of measuring"
+            )
+
+
+def depths(shape: BodyShape, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " points"]:
+    """How deep points of the body's frame lie inside its outline (m); negative outside."""
+    polygon = shapely.Polygon(outline_of(shape))
+    places = shapely.points(points)
+    return np.where(shapely.contains(polygon, places), 1.0, -1.0) * shapely.distance(polygon.exterior, places)

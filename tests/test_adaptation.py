@@ -1,0 +1,231 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from made_pushes import ends_of, made, rows_of, write
+
+from pushgraph import pose
+from pushgraph.adaptation.adapted import NOT_ADAPTED, adapt
+from pushgraph.adaptation.correction import Correction
+from pushgraph.adaptation.files import load_adaptation, save_adaptation
+from pushgraph.adaptation.fit import fit, linearized, residuals
+from pushgraph.adaptation.gaussian_process import GaussianProcess
+from pushgraph.adaptation.kinds import kind_of
+from pushgraph.adaptation.online import PushLearner
+from pushgraph.adaptation.prediction import contact_points, predicted_motion
+from pushgraph.adaptation.pressure import feet, support
+from pushgraph.adaptation.scenes import scene_of
+from pushgraph.adaptation.unknowns import Estimate, Unknowns
+from pushgraph.body import Body
+from pushgraph.errors import AdaptationError
+from pushgraph.network.dynamics import Dynamics
+from pushgraph.outline import centroid
+from pushgraph.patch import patch_of
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.real_pushes import read_pushes
+from pushgraph.shape import Cuboid, Cylinder, Polygon
+from pushgraph.tool import Push
+
+SHAPES = (Cylinder(diameter=0.1), Cuboid(size=(0.12, 0.06)), Polygon(points=((0, 0), (0.12, 0), (0, 0.09))))
+
+
+@pytest.fixture(scope="module")
+def dynamics() -> Dynamics:
+    return PhysicsPredictor.load().dynamics
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_uniform_pressure_has_the_moments_of_the_outline(shape) -> None:
+    points, shares = feet(shape, 1.0, (0.0, 0.0), rings=4, around=120)
+    patch = patch_of([Body(name="a", shape=shape, pose_world_from_body=(0, 0, 0), mass=1.0)])
+    np.testing.assert_allclose(shares @ points, patch.centre, atol=1e-6)
+    away = points - patch.centre
+    np.testing.assert_allclose((shares[:, None] * away).T @ away, patch.second_moments, rtol=0.02, atol=2e-6)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_pressure_moves_out_and_about_its_centre(shape) -> None:
+    middle = np.array(shape.centroid)
+    spread = []
+    for concentration in (0.1, 1.0, 3.0):
+        points, shares = feet(shape, concentration, (0.002, -0.001))
+        np.testing.assert_allclose(shares @ points - middle, [0.002, -0.001], atol=1e-9)
+        spread.append(shares @ np.linalg.norm(points - shares @ points, axis=1))
+    assert spread[0] > spread[1] > spread[2]
+    stands = np.array(support(shape, 0.5, (0.002, -0.001)))
+    np.testing.assert_allclose(stands.mean(0) - middle, [0.002, -0.001], atol=1e-9)
+
+
+def test_scores_and_unknowns_are_inverse() -> None:
+    unknowns = Unknowns(0.3, 0.5, 0.001, -0.002, 1e-4, 2e-4)
+    np.testing.assert_allclose(np.array(Unknowns.of(unknowns.scores)), unknowns)
+    assert Unknowns.of(np.zeros(6)) == Unknowns()
+
+
+def test_prediction_does_not_depend_on_where_and_how_the_object_lies(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(8, "box")))
+    before = predicted_motion(dynamics, pushes)
+    move = np.array([0.3, -0.2, 0.7])
+    moved = [pose.compose(move, poses) for poses in (pushes.before, pushes.after)]
+    ways = [pose.transform(move, points) for points in (pushes.probe_start, pushes.probe_end)]
+    again = type(pushes)(
+        pushes.shapes, pushes.surface, pushes.shape, pushes.speed, *moved, *ways, pushes.stated, pushes.probe_radius
+    )
+    np.testing.assert_allclose(predicted_motion(dynamics, again), before, atol=1e-6)
+    assert (np.hypot(before[:, 0], before[:, 1]) > 1e-3).any()
+
+
+def test_a_measured_offset_of_the_probe_is_where_it_truly_was(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(6, "disc")))
+    offset = np.array([1e-3, -5e-4])
+    shifted = type(pushes)(
+        *(getattr(pushes, name) for name in ("shapes", "surface", "shape", "speed", "before", "after")),
+        pushes.probe_start - offset,
+        pushes.probe_end - offset,
+        {},
+    )
+    told = predicted_motion(dynamics, shifted, Unknowns(probe_x=1e-3, probe_y=-5e-4))
+    np.testing.assert_allclose(told, predicted_motion(dynamics, pushes), atol=1e-5)
+
+
+def test_first_contact_is_where_circle_and_outline_meet(tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(20, "disc")))
+    distance = np.linalg.norm(contact_points(pushes), axis=1)
+    np.testing.assert_allclose(distance, 0.05 + pushes.probe_radius, atol=1e-3)
+
+
+def test_unknowns_are_found_again(dynamics: Dynamics, tmp_path: Path) -> None:
+    true = Unknowns(0.12, 0.4, 0.0, 0.0, 1.2e-3, -6e-4)
+    pushes = read_pushes(*made(tmp_path, {"box": 40}, true, noise=2e-4))
+    found = fit(dynamics, pushes, Estimate.prior())
+    off = (found.mean - true.scores) / np.sqrt(np.diag(found.covariance))
+    assert np.abs(off).max() < 3
+    assert abs(found.unknowns.side_friction - 0.12) < 0.03
+    assert abs(found.unknowns.probe_x - 1.2e-3) < 5e-4
+    assert found.lines()[0].startswith("side friction 0.1")
+
+
+def test_without_pushes_that_tell_the_prior_stays(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(5, "disc")))
+    far = type(pushes)(
+        *(getattr(pushes, name) for name in ("shapes", "surface", "shape", "speed", "before", "after")),
+        pushes.probe_start + 1.0,
+        pushes.probe_end + 1.0,
+        {},
+    )
+    found = fit(dynamics, far, Estimate.prior())
+    np.testing.assert_allclose(found.mean, 0, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.eye(6), atol=1e-9)
+
+
+def test_derivatives_are_those_of_predictions(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(10, "box")))
+    at = linearized(dynamics, pushes, np.zeros(6))
+    step = np.array([0.0, 0, 0, 0, 0.1, 0])
+    change = predicted_motion(dynamics, pushes, Unknowns.of(step)) - at.motion
+    np.testing.assert_allclose(change, at.slope @ step, atol=1e-3)
+
+
+def test_an_object_that_slipped_off_hardly_counts(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*made(tmp_path, {"box": 30}, Unknowns(0.15), noise=2e-4))
+    clean = fit(dynamics, pushes, Estimate.prior())
+    pushes.after[3] += np.array([0.05, 0.05, 1.0])
+    np.testing.assert_allclose(fit(dynamics, pushes, Estimate.prior()).mean, clean.mean, atol=0.4)
+
+
+def test_left_out_errors_are_those_of_processes_without_the_sample() -> None:
+    rng = np.random.default_rng(0)
+    places, values = rng.normal(size=(12, 2)), rng.normal(size=(12, 3))
+    process = GaussianProcess.fit(places, values)
+    for k in (0, 7):
+        others = np.delete(np.arange(12), k)
+        x, y = torch.from_numpy(places[others]), torch.from_numpy(values[others])
+        without = GaussianProcess.conditioned(x, y, process.logs)
+        np.testing.assert_allclose(process.left_out[k], values[k] - without.mean(places[k : k + 1])[0], atol=1e-9)
+
+
+def test_a_process_learns_a_smooth_function_and_is_unsure_elsewhere() -> None:
+    places = np.linspace(-2, 2, 25)[:, None]
+    process = GaussianProcess.fit(places, np.sin(places))
+    np.testing.assert_allclose(process.mean(np.array([[0.55]])), np.sin([[0.55]]), atol=0.02)
+    near, far = process.variance(np.array([[0.5], [50.0]]))
+    assert near < 0.01 * far
+    np.testing.assert_allclose(process.mean(np.array([[500.0]])), 0, atol=1e-6)
+
+
+def test_a_correction_takes_away_an_error_that_repeats(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*made(tmp_path, {"box": 60}))
+    motion = pushes.motion * np.array([0.8, 0.8, 0.7])
+    train, test = np.arange(40), np.arange(40, 60)
+    correction = Correction.fit(pushes.take(train), motion[train])
+    held_out = pushes.take(test)
+    left = residuals(correction.motion(held_out, motion[test]), held_out)
+    assert np.abs(left).mean() < 0.5 * np.abs(residuals(motion[test], held_out)).mean()
+    assert np.abs(correction.left_out).mean() < np.abs(residuals(motion[test], held_out)).mean()
+
+
+def test_an_adaptation_is_better_is_saved_and_is_read_the_same(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*made(tmp_path, {"box": 40, "disc": 20}, Unknowns(0.1, 0.3, probe_x=1e-3), noise=3e-4))
+    learnt = adapt(dynamics, pushes.take(np.arange(0, 60, 2)))
+    held_out = pushes.take(np.arange(1, 60, 2))
+    before, after = (
+        np.hypot(*(one.predict(dynamics, held_out).ends - held_out.after)[:, :2].T).mean()
+        for one in (NOT_ADAPTED, learnt)
+    )
+    assert after < 0.6 * before
+    save_adaptation(learnt, tmp_path / "a.safetensors", "hash", {"pushes": 30})
+    again = load_adaptation(tmp_path / "a.safetensors", "hash")
+    np.testing.assert_array_equal(learnt.predict(dynamics, held_out).ends, again.predict(dynamics, held_out).ends)
+    with pytest.raises(AdaptationError, match="other physics weights"):
+        load_adaptation(tmp_path / "a.safetensors", "another")
+    (tmp_path / "b.safetensors").write_bytes(b"nothing")
+    with pytest.raises(AdaptationError, match="cannot read"):
+        load_adaptation(tmp_path / "b.safetensors")
+
+
+def test_too_few_pushes_are_refused(dynamics: Dynamics, tmp_path: Path) -> None:
+    with pytest.raises(AdaptationError, match="9 pushes: too few"):
+        adapt(dynamics, read_pushes(*write(tmp_path, rows_of(9, "disc"))))
+
+
+def test_pushes_that_are_watched_sharpen_what_is_believed(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(12, "box")))
+    pushes.after[:] = ends_of(pushes, Unknowns(0.1))
+    learner = PushLearner(dynamics)
+    deviations = []
+    for k in range(len(pushes)):
+        scene = scene_of(pushes, k)
+        found = learner.observe(scene, "box", pushes.before[k], pushes.after[k], scene.pushes[0])
+        deviations.append(found.deviations.side_friction)
+    assert deviations[-1] < deviations[0] < 0.2 * 0.3
+    assert abs(found.unknowns.side_friction - 0.1) < abs(0.2 - 0.1) / 2
+    applied = learner.apply_to(scene.replace(pushes=()))
+    assert applied.side_friction == pytest.approx(found.unknowns.side_friction)
+    assert len(applied.bodies[0].support) == 64
+    with pytest.raises(AdaptationError, match="straight"):
+        learner.observe(scene, "box", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Push(start=(0, 0), path=((0.1, 0), (0.1, 0.1))))
+
+
+def test_centroid_of_a_support_is_that_of_its_shape() -> None:
+    shape = SHAPES[2]
+    np.testing.assert_allclose(
+        np.mean(support(shape, 1.0, (0.0, 0.0)), axis=0), centroid(np.array(shape.points)), atol=1e-9
+    )
+
+
+def test_unseen_shapes_are_predicted_by_what_outlines_of_their_kind_have_in_common(
+    dynamics: Dynamics, tmp_path: Path
+) -> None:
+    assert [kind_of(shape) for shape in SHAPES] == ["round", "cornered", "cornered"]
+    pushes = read_pushes(*made(tmp_path, {"box": 15, "disc": 15}, Unknowns(0.1)))
+    learnt = adapt(dynamics, pushes)
+    assert learnt.of("abs", "box", SHAPES[1]) is learnt.materials["abs", "box"]
+    assert learnt.of("wood", "box", SHAPES[1]) is learnt.materials["abs", "box"]
+    assert learnt.of("abs", "new", SHAPES[2]) is learnt.kinds["cornered"]
+    assert learnt.of("abs", "new", SHAPES[0]) is learnt.kinds["round"]
+    scene = learnt.apply_to(scene_of(pushes, 0), "abs")
+    assert scene.bodies[0].support is not None
+    with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):
+        body = scene.bodies[0].replace(name="cup")
+        learnt.apply_to(scene.replace(bodies=(body,)), "abs")
