@@ -18,6 +18,7 @@ ORDER = [
     "record",
     "mass_prior",
     "pose",
+    "pose_3d",
     "contact",
     "outline",
     "shape",
