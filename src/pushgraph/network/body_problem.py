@@ -18,10 +18,10 @@ from torch import Tensor
 SOFTNESS = 1e-3
 """R, over what a unit impulse changes the velocity there."""
 ITERATIONS = 40
-TOLERANCE = 1e-7
-"""m/s, rad/s: Newton's steps below this end it."""
-SHARES = tuple(0.5**k for k in range(8))
-"""Steps of the line search."""
+TOLERANCE = 1e-6
+"""m/s, rad/s: a body whose next step of Newton's method is smaller is solved."""
+SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Shares of Newton's step that are tried; the one of least energy is taken."""
 TINY = 1e-12
 
 
@@ -40,6 +40,14 @@ class BodyProblem(NamedTuple):
     aim: Float[Tensor, "contacts 3"]
     friction: Float[Tensor, " contacts"]
     softness: Float[Tensor, " contacts"]
+
+    def take(self, scenes: Int[Tensor, " some"]) -> "BodyProblem":
+        """The problem of some scenes."""
+        number = torch.full_like(self.free[:, 0], -1, dtype=torch.long)
+        number[scenes] = torch.arange(len(scenes), device=scenes.device)
+        own = (number[self.scene] >= 0).nonzero().squeeze(-1)
+        contacts = (values[own] for values in self[3:])
+        return BodyProblem(self.mass_matrix[scenes], self.free[scenes], number[self.scene[own]], *contacts)
 
     def stretch(self, velocity: Float[Tensor, "*s batch 6"]) -> Float[Tensor, "*s contacts 3"]:
         """(w m - d) / R."""
@@ -110,15 +118,19 @@ def solve_body(problem: BodyProblem, guess: Float[Tensor, "batch 6"]) -> Float[T
 
 
 def _solve(problem: BodyProblem, velocity: Float[Tensor, "batch 6"]) -> Float[Tensor, "batch 6"]:
-    if not len(problem.scene):
-        return problem.free
+    touched = torch.zeros_like(velocity[:, 0], dtype=torch.bool).index_fill(0, problem.scene, True)
+    solved, left = torch.where(touched[:, None], velocity, problem.free), touched.nonzero().squeeze(-1)
+    problem, velocity = problem.take(left), velocity[left]
     shares = velocity.new_tensor(SHARES)[:, None, None]
     for _ in range(ITERATIONS):
-        gradient = problem.gradient(velocity)
-        step = -torch.linalg.solve(problem.curvature(velocity), gradient)
-        if bool((step.abs().amax() < TOLERANCE).all()):
+        if not len(left):
             break
+        step = -torch.linalg.solve(problem.curvature(velocity), problem.gradient(velocity))
         tried = velocity + shares * step
         best = problem.energy(tried).argmin(0)
         velocity = tried[best, torch.arange(len(best), device=best.device)]
-    return velocity
+        solved[left] = velocity
+        open_ = (step.abs().amax(-1) > TOLERANCE).nonzero().squeeze(-1)
+        if len(open_) < len(left):
+            problem, velocity, left = problem.take(open_), velocity[open_], left[open_]
+    return solved

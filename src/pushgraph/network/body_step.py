@@ -9,7 +9,7 @@ from torch import Tensor
 from pushgraph import pose_3d
 from pushgraph.contact_axes import axes_between
 from pushgraph.contact_patch import contact_patch
-from pushgraph.graph.lever_batch import LeverBatch, LeverState
+from pushgraph.graph.lever_batch import LeverBatch, LeverState, tool_twist
 from pushgraph.network.body_problem import SOFTNESS, BodyProblem, solve_body
 
 MARGIN = 2e-3
@@ -18,6 +18,8 @@ RECOVERY = 0.2
 """Share of an overlap that is to be undone in a step."""
 REST = 2e-3
 """m/s: what is not faster after a step from rest, and is not touched by the tool, stays at rest."""
+CONSTANTS = {"softness": SOFTNESS, "recovery": RECOVERY, "rest": REST}
+"""What predictions depend on."""
 
 
 class Contacts(NamedTuple):
@@ -59,9 +61,7 @@ def step(
     force = torch.zeros_like(torque)
     if wrench is not None:
         force, torque = force + wrench[:, :3], torque + wrench[:, 3:]
-    faster = torch.cat(
-        (scenes.gravity + force / scenes.mass[:, None], (inverse @ torque[..., None])[..., 0]), -1
-    )
+    faster = torch.cat((scenes.gravity + force / scenes.mass[:, None], (inverse @ torque[..., None])[..., 0]), -1)
     free = state.velocity + seconds * faster
     problem = _problem(scenes, pose.detach(), contacts, mass_matrix, inverse, free, seconds)
     velocity = solve_body(problem, state.velocity)
@@ -78,7 +78,7 @@ def find_contacts(
 ) -> Contacts:
     """Where boards touch boxes, or may within a step."""
     boxes = scenes.boxes_with(tool)
-    moves = _tool_twist(tool, next_tool) / seconds
+    moves = tool_twist(tool, next_tool) / seconds
     at_box = boxes[..., :3] - tool[:, None, :3]
     swing = moves[:, None, :3] + pose_3d.cross(moves[:, None, 3:], at_box)
     radius, board_radius = scenes.half.norm(dim=-1), scenes.board_half.norm(dim=-1)
@@ -96,12 +96,6 @@ def find_contacts(
     other = moves[scene, :3] + pose_3d.cross(moves[scene, 3:], point - tool[scene, :3])
     other = torch.where(scenes.of_tool[scene, box, None], other, 0.0)
     return Contacts(scene, box, patch.normal[pair], point, patch.gap[slots], other)
-
-
-def _tool_twist(tool: Float[Tensor, "batch 7"], next_tool: Float[Tensor, "batch 7"]) -> Float[Tensor, "batch 6"]:
-    """Displacement of the tool's origin and rotation vector, world axes."""
-    turn = pose_3d.rotation_vector(pose_3d.multiply(next_tool[:, 3:], pose_3d.conjugate(tool[:, 3:])))
-    return torch.cat((next_tool[:, :3] - tool[:, :3], turn), -1)
 
 
 def _problem(
