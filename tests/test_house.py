@@ -54,6 +54,7 @@ ORDER = [
     "checkpoint",
     "spread_model",
     "physics",
+    "lever_physics",
     "mass_chains",
     "mass_memory",
     "belief",
