@@ -3,12 +3,14 @@
 import json
 import os
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from pushgraph.errors import SceneError
 from pushgraph.record import Record, explain
+
+AnyScene = TypeVar("AnyScene", bound="SceneFile")
 
 TRUSTED = {"trusted": True}
 """Validation context of scenes that were checked when they were written: skips the geometry."""
@@ -27,7 +29,7 @@ class SceneFile(Record):
         return self.model_dump_json(indent=indent)
 
     @classmethod
-    def from_json(cls, text: str | bytes, source: str = "scene", trusted: bool = False) -> Self:
+    def from_json(cls: type[AnyScene], text: str | bytes, source: str = "scene", trusted: bool = False) -> AnyScene:
         """Read a scene from JSON text; `source` names it in errors. Trusted text is not checked for overlap."""
         if not trusted:
             cls._check_header(text, source)
@@ -37,7 +39,7 @@ class SceneFile(Record):
             raise SceneError(explain(error, source, _parsed(text))) from None
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> Self:
+    def load(cls: type[AnyScene], path: str | os.PathLike) -> AnyScene:
         """Read a scene from a JSON file."""
         return cls.from_json(read(path), str(path))
 
