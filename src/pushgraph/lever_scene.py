@@ -229,4 +229,4 @@ def depth(
         np.abs(axes @ np.swapaxes(own, -1, -2)) @ (np.asarray(size) / 2)
         for own, size in ((axes_a, size_a), (axes_b, size_b))
     )
-    return np.where(parallel, np.inf, reach - between).min(-1)
+    return np.asarray(np.where(parallel, np.inf, reach - between).min(-1))
