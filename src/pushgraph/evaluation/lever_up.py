@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pushgraph import pose_3d
-from pushgraph.errors import SceneError
+from pushgraph.errors import SceneError, SimulationError
 from pushgraph.evaluation.blocks import Block, measure_blocks
 from pushgraph.evaluation.noise_floor import ATTEMPTS, CAMERA, StartNoise
 from pushgraph.evaluation.results import Results
@@ -81,7 +81,7 @@ def rigid(scene: LeverScene) -> LeverTrack:
 
 
 def simulate_lever_again(scene: LeverScene, rng: np.random.Generator, noise: StartNoise = CAMERA) -> LeverTrack | None:
-    """Simulate a scene from a noisy start: the board lies elsewhere on what it lies on; None if there is no room."""
+    """Simulate a scene from a noisy start: the board lies elsewhere on what it lies on; None if it is crushed."""
     start = scene.poses_world_from_body[scene.board]
     for _ in range(ATTEMPTS):
         x, y, yaw = rng.normal(size=3) * (noise.position, noise.position, noise.yaw)
@@ -89,8 +89,10 @@ def simulate_lever_again(scene: LeverScene, rng: np.random.Generator, noise: Sta
         elsewhere = np.concatenate((start[:3] + (x, y, 0.0), pose_3d.multiply(turn, start[3:])))
         try:
             return simulate_lever(scene.board_at(elsewhere))
-        except SceneError:
+        except SceneError:  # a ledge a millimetre away that the noise pressed the board into
             continue
+        except SimulationError:
+            return None
     return None
 
 
