@@ -62,7 +62,7 @@ def test_free_fall_and_landing():
     fallen = 0.3 - 9.81 / 2 * times[:4] ** 2
     # The steps are implicit: too far by half of the last one's gain.
     torch.testing.assert_close(poses[:4, 2] - 0.005, fallen.double(), atol=2e-2, rtol=0)
-    assert float(poses[-1, 2]) == pytest.approx(0.005, abs=1e-5)
+    assert float(poses[-1, 2]) == pytest.approx(0.005, abs=5e-5)
 
 
 @pytest.mark.parametrize(("degrees", "slides"), [(10, False), (25, True)])
@@ -100,7 +100,7 @@ def test_a_levered_board_rises_and_is_not_penetrated():
 @pytest.mark.parametrize("kind", LEVERS)
 def test_turning_the_scene_about_the_vertical_turns_the_motion(kind):
     found, what = dynamics(kind, 0.1), levered()
-    state, tool = start_lever([what]), torch.from_numpy(tool_knots(what, 18))[None]
+    state, tool = start_lever([what]), torch.from_numpy(tool_knots(what, 14))[None]
     turn = torch.tensor([0.3, -2.0, 0.0, math.cos(0.7), 0.0, 0.0, math.sin(0.7)], dtype=torch.float64)
     place = torch.where(state.scenes.of_tool[..., None], state.scenes.pose, pose_3d.compose(turn, state.scenes.pose))
     turned = LeverState(state.scenes._replace(pose=place), pose_3d.compose(turn, state.pose), state.velocity)
@@ -116,7 +116,7 @@ def test_turning_the_scene_about_the_vertical_turns_the_motion(kind):
 @pytest.mark.parametrize("kind", LEVERS)
 def test_both_signs_of_quaternions_are_one(kind):
     found, what = dynamics(kind, 0.1), levered()
-    state, tool = start_lever([what]), torch.from_numpy(tool_knots(what, 18))[None]
+    state, tool = start_lever([what]), torch.from_numpy(tool_knots(what, 14))[None]
     sign = torch.tensor([1, 1, 1, -1, -1, -1, -1.0], dtype=torch.float64)
     other = LeverState(state.scenes._replace(pose=state.scenes.pose * sign), state.pose * sign, state.velocity)
     with torch.no_grad():
@@ -125,23 +125,28 @@ def test_both_signs_of_quaternions_are_one(kind):
 
 
 @pytest.mark.parametrize("kind", LEVERS)
-def test_what_nothing_touches_stays_and_quaternions_stay_unit(kind):
+def test_what_nothing_touches_stays(kind):
     found = dynamics(kind, 0.1)
     still = rolled(found, scene(board(0.005), FLOOR), 5)
     assert torch.equal(still[-1], still[0])
-    poses = rolled(found, levered(), 300)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", LEVERS)
+def test_quaternions_stay_unit(kind):
+    poses = rolled(dynamics(kind, 0.1), levered(), 300)
     assert poses.isfinite().all()
     assert float((poses[:, 3:].norm(dim=-1) - 1).abs().amax()) < 1e-6
 
 
 @pytest.mark.parametrize("kind", LEVERS)
 def test_scenes_side_by_side_are_as_alone(kind):
-    found, scenes = dynamics(kind, 0.1), [levered(), scene(board(0.1), FLOOR)]
-    tool = torch.from_numpy(np.stack([tool_knots(what, 15) for what in scenes]))
+    found, scenes = dynamics(kind, 0.1), [levered(), scene(board(0.02), FLOOR)]
+    tool = torch.from_numpy(np.stack([tool_knots(what, 12) for what in scenes]))
     with torch.no_grad():
         together = rollout_lever(found, start_lever(scenes), tool)
     for k, what in enumerate(scenes):
-        torch.testing.assert_close(rolled(found, what, 15), together[k], atol=1e-7, rtol=0)
+        torch.testing.assert_close(rolled(found, what, 12), together[k], atol=1e-7, rtol=0)
 
 
 def test_gradients_of_the_correction_are_those_of_finite_differences():
@@ -149,14 +154,14 @@ def test_gradients_of_the_correction_are_those_of_finite_differences():
     from pushgraph.network.body_step import step
 
     what = levered()
-    tool = torch.from_numpy(tool_knots(what, 18))[None]
+    tool = torch.from_numpy(tool_knots(what, 14))[None]
     state = start_lever([what])
     with torch.no_grad():
-        for k in range(30):
+        for k in range(26):
             state = step(state, tool[:, k], tool[:, k + 1], FRAME / 2)
 
     def moved(wrench: torch.Tensor) -> torch.Tensor:
-        return step(state, tool[:, 30], tool[:, 31], FRAME / 2, wrench).velocity
+        return step(state, tool[:, 26], tool[:, 27], FRAME / 2, wrench).velocity
 
     wrench = torch.full((1, 6), 1e-3, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(moved, wrench, eps=1e-4, atol=1e-3, rtol=1e-2)

@@ -57,7 +57,7 @@ def final_board_poses(tracks: Mapping[str, object]) -> Table:
 
     first = next(iter(tracks.values()))
     table = Table(title=f"The board after {first.times[-1]:.2f} s")
-    columns = ("x (m)", "y (m)", "z (m)", "moved (mm)", "turned (deg)", "rise (mm)", "penetration (mm)")
+    columns = ("x (m)", "y (m)", "z (m)", "moved (mm)", "turned (deg)", "rise (mm)", "overlap (mm)")
     for name in ("", *columns):
         table.add_column(name, justify="right" if name else "left")
     for title, track in tracks.items():

@@ -59,10 +59,10 @@ def start_lever(scenes: Sequence[LeverScene]) -> LeverState:
     return LeverState(batch_lever_scenes(scenes), poses, poses.new_zeros(len(scenes), 6))
 
 
-def tool_twist(tool: Float[Tensor, "batch 7"], next_tool: Float[Tensor, "batch 7"]) -> Float[Tensor, "batch 6"]:
-    """How tools go from one pose to the next: displacement of the origin (m), rotation vector, world axes."""
-    turn = pose_3d.rotation_vector(pose_3d.multiply(next_tool[:, 3:], pose_3d.conjugate(tool[:, 3:])))
-    return torch.cat((next_tool[:, :3] - tool[:, :3], turn), -1)
+def displacement(before: Float[Tensor, "batch 7"], after: Float[Tensor, "batch 7"]) -> Float[Tensor, "batch 6"]:
+    """What leads from one pose to another: displacement of the origin (m), rotation vector, world axes."""
+    turn = pose_3d.rotation_vector(pose_3d.multiply(after[:, 3:], pose_3d.conjugate(before[:, 3:])))
+    return torch.cat((after[:, :3] - before[:, :3], turn), -1)
 
 
 def _tensors(scene: LeverScene, width: int) -> LeverBatch:

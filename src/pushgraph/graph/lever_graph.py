@@ -13,7 +13,7 @@ from torch import Tensor
 from pushgraph import pose_3d
 from pushgraph.contact_3d import contact_between
 from pushgraph.contact_axes import axes_between
-from pushgraph.graph.lever_batch import LeverState, tool_twist
+from pushgraph.graph.lever_batch import LeverState, displacement
 from pushgraph.track_frames import FRAME
 
 NEAR = 0.02
@@ -60,7 +60,7 @@ def lever_graph(state: LeverState, tool: Float[Tensor, "batch 7"], next_tool: Fl
     number[scene, box] = batch + torch.arange(len(scene), device=scene.device)
 
     # How boxes move, about the origin of the tool; only those of the tool do.
-    moves = tool_twist(tool, next_tool)
+    moves = displacement(tool, next_tool)
     poses = torch.cat((board, boxes[scene, box]))
     of_tool = torch.cat((torch.zeros(batch, dtype=torch.bool, device=board.device), scenes.of_tool[scene, box]))
     owner = torch.cat((torch.arange(batch, device=scene.device), scene))

@@ -9,7 +9,7 @@ from torch import Tensor
 from pushgraph import pose_3d
 from pushgraph.contact_axes import axes_between
 from pushgraph.contact_patch import contact_patch
-from pushgraph.graph.lever_batch import LeverBatch, LeverState, tool_twist
+from pushgraph.graph.lever_batch import LeverBatch, LeverState, displacement
 from pushgraph.network.body_problem import SOFTNESS, BodyProblem, solve_body
 
 MARGIN = 2e-3
@@ -78,7 +78,7 @@ def find_contacts(
 ) -> Contacts:
     """Where boards touch boxes, or may within a step."""
     boxes = scenes.boxes_with(tool)
-    moves = tool_twist(tool, next_tool) / seconds
+    moves = displacement(tool, next_tool) / seconds
     at_box = boxes[..., :3] - tool[:, None, :3]
     swing = moves[:, None, :3] + pose_3d.cross(moves[:, None, 3:], at_box)
     radius, board_radius = scenes.half.norm(dim=-1), scenes.board_half.norm(dim=-1)

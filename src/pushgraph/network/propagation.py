@@ -6,7 +6,7 @@ computed where it lives, on an object once and not on each of its relations: the
 """
 
 import itertools
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES
 
 
+@runtime_checkable
 class Graph(Protocol):
     """What is propagated through: features, and the nodes that every edge leads to and comes from."""
 
