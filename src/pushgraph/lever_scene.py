@@ -7,11 +7,13 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from pushgraph import pose_3d
 from pushgraph.body import Name
+from pushgraph.contact_axes import axes_between
 from pushgraph.record import Record
 from pushgraph.scene_file import SceneFile, is_trusted
 from pushgraph.shape import Coordinate, Length
@@ -124,9 +126,7 @@ class LeverScene(SceneFile):
     def _check_bodies(self) -> None:
         for name in self.names:
             if self.names.count(name) > 1:
-                raise ValueError(
-                    f"bodies: the name {name!r} is used {self.names.count(name)} times; names must differ"
-                )
+                raise ValueError(f"bodies: the name {name!r} is used {self.names.count(name)} times; names must differ")
         free = [body.name for body in self.bodies if not body.fixed]
         if len(free) != 1:
             raise ValueError(
@@ -211,22 +211,10 @@ def corners(size: Size, poses: Float[np.ndarray, "*batch 7"]) -> Float[np.ndarra
 
 def depth(
     size_a: Size, poses_a: Float[np.ndarray, "*#batch 7"], size_b: Size, poses_b: Float[np.ndarray, "*#batch 7"]
-) -> Float[np.ndarray, "..."]:
-    """How deep two boxes overlap (m): the shortest way to part them; negative where they are apart.
-
-    By their axes and the products of two (separating axes).
-    """
-    axes_a = np.swapaxes(pose_3d.rotation_matrix(poses_a[..., 3:]), -1, -2)
-    axes_b = np.swapaxes(pose_3d.rotation_matrix(poses_b[..., 3:]), -1, -2)
-    axes_a, axes_b = np.broadcast_arrays(axes_a, axes_b)
-    products = np.cross(axes_a[..., :, None, :], axes_b[..., None, :, :]).reshape(*axes_a.shape[:-2], 9, 3)
-    axes = np.concatenate((axes_a, axes_b, products), axis=-2)
-    length = np.linalg.norm(axes, axis=-1, keepdims=True)
-    parallel = length[..., 0] < 1e-6
-    axes = axes / np.where(length < 1e-6, 1.0, length)
-    between = np.abs((axes @ (poses_b - poses_a)[..., :3, None])[..., 0])
-    reach = sum(
-        np.abs(axes @ np.swapaxes(own, -1, -2)) @ (np.asarray(size) / 2)
-        for own, size in ((axes_a, size_a), (axes_b, size_b))
+) -> Float[np.ndarray, "*batch"]:
+    """How deep two boxes overlap (m): the shortest way to part them; negative where they are apart."""
+    pose_a, pose_b = torch.broadcast_tensors(torch.from_numpy(poses_a), torch.from_numpy(poses_b))
+    half_a, half_b = (
+        torch.tensor(size, dtype=torch.float64).expand(*pose_a.shape[:-1], 3) / 2 for size in (size_a, size_b)
     )
-    return np.asarray(np.where(parallel, np.inf, reach - between).min(-1))
+    return -axes_between(pose_a, half_a, pose_b, half_b).gap.amax(-1).numpy()

@@ -6,7 +6,17 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pushgraph.cli import data, evaluating, evaluating_masses, evaluating_plans, planning, recordings, scenes, training
+from pushgraph.cli import (
+    data,
+    evaluating,
+    evaluating_lever,
+    evaluating_masses,
+    evaluating_plans,
+    planning,
+    recordings,
+    scenes,
+    training,
+)
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
@@ -27,7 +37,7 @@ for command in (
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
 app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
-for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS).items():
+for name, measure in (evaluating_masses.COMMANDS | evaluating_plans.COMMANDS | evaluating_lever.COMMANDS).items():
     evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
 

@@ -29,6 +29,7 @@ COLUMNS = np.dtype(
         ("displacement_m", "f4"),
         ("rotation_rad", "f4"),
         ("deepest_overlap_m", "f4"),
+        ("rejected", "i4"),
     ]
 )
 """One row an interaction. ledge: whether one stands at the side that is levered; the rest at the end, or the most."""
@@ -95,7 +96,7 @@ def summarize(interaction: Interaction) -> np.ndarray:
     row["rise_m"], row["highest_rise_m"] = track.rise[-1], track.rise.max()
     row["displacement_m"] = np.linalg.norm(track.board[-1, :3] - track.board[0, :3])
     row["rotation_rad"] = pose_3d.rotation_error(track.board[-1], track.board[0])
-    row["deepest_overlap_m"] = track.penetration.max()
+    row["deepest_overlap_m"], row["rejected"] = track.penetration.max(), interaction.rejected
     return row
 
 
@@ -110,4 +111,5 @@ def table(rows: np.ndarray) -> Mapping[str, str]:
         "raised": f"{rows['raised'].mean():.1%} at the end, {was_raised:.1%} on the way, by {RAISED * 1e3:g} mm",
         "board": f"moves by {np.median(moved):.1f} mm and turns by {np.median(turned):.1f} degrees in the median",
         "penetration": f"at most {rows['deepest_overlap_m'].max() * 1e3:.3f} mm",
+        "rejected": f"{rows['rejected'].sum()} (the board was crushed)",
     }

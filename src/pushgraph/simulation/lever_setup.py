@@ -4,6 +4,8 @@ The board lies in the middle of the drive on a plate smaller than itself; the sc
 turns about the drive's rim. On each side there may be a ledge, beside which the screwdriver goes in.
 """
 
+import contextlib
+import functools
 import math
 import zlib
 from typing import NamedTuple
@@ -12,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pushgraph import pose_3d
-from pushgraph.errors import SetupError
-from pushgraph.lever_scene import Box, LeverScene, LeverTool, Size, ToolBox, WayPoint, depth
+from pushgraph.errors import SetupError, SimulationError
+from pushgraph.lever_scene import OVERLAP, Box, LeverScene, LeverTool, Size, ToolBox, WayPoint, depth
 from pushgraph.lever_track import LeverTrack
 from pushgraph.simulation.lever import simulate_lever
 
@@ -48,40 +50,55 @@ TRIES = 20
 ATTEMPTS = 1000
 
 
+class Drive(NamedTuple):
+    """A drive with its board, the last of its boxes, and how far that reaches over its plate (m)."""
+
+    bodies: tuple[Box, ...]
+    overhang: float
+
+
 class Interaction(NamedTuple):
-    """One lever-up: its side, whether a ledge stands there, and what happened."""
+    """One lever-up: its side, whether a ledge stands there, and what happened.
+
+    rejected: how often a board was crushed before, between a ledge and a screwdriver that went another way.
+    """
 
     track: LeverTrack
     side: str
     ledge: bool
+    rejected: int
 
 
 def draw_interaction(seed: int, index: int) -> Interaction:
     """Simulate interaction `index`: drive index // 4, side index % 4; the same arguments give the same bits."""
-    side = SIDES[index % len(SIDES)]
-    scene = draw_scenes(seed, index // len(SIDES))[index % len(SIDES)]
-    return Interaction(simulate_lever(scene), side, f"ledge_{side}" in scene.names)
-
-
-def side_of(scene: LeverScene) -> str:
-    """The side from which a scene of this setup is levered: where the tool's way begins."""
-    x, y, _ = scene.path[0].position
-    return SIDES[round(math.atan2(y, x) / (math.pi / 2)) % len(SIDES)]
-
-
-def draw_scenes(seed: int, drive: int) -> list[LeverScene]:
-    """A drive, levered from each of its sides."""
-    rng = np.random.default_rng([zlib.crc32(LEVER_UP.encode()), seed, drive])
+    number, side = divmod(index, len(SIDES))
+    drive = draw_drive(seed, number)
+    rng = np.random.default_rng([zlib.crc32(LEVER_UP.encode()), seed, number, side])
+    rejected = 0
     for _ in range(ATTEMPTS):
-        bodies, overhang = _draw_drive(rng)
-        ways = [_draw_way(rng, bodies, overhang, side) for side in range(len(SIDES))]
-        if all(way is not None for way in ways):
-            return [LeverScene(bodies=bodies, tool=tool, path=path) for tool, path in ways]
+        way = _draw_way(rng, drive, side)
+        if way is None:
+            continue
+        with contextlib.suppress(SimulationError):
+            track = simulate_lever(LeverScene(bodies=drive.bodies, tool=way[0], path=way[1]))
+            if track.penetration.max() <= OVERLAP:
+                return Interaction(track, SIDES[side], f"ledge_{SIDES[side]}" in track.scene.names, rejected)
+        rejected += 1
+    raise SetupError(f"setup {LEVER_UP!r}: {ATTEMPTS} ways under the {SIDES[side]} side of drive {number} fail")
+
+
+@functools.lru_cache(maxsize=4)
+def draw_drive(seed: int, number: int) -> Drive:
+    """A drive whose sides all have room for the screwdriver."""
+    rng = np.random.default_rng([zlib.crc32(LEVER_UP.encode()), seed, number])
+    for _ in range(ATTEMPTS):
+        drive = _draw_boxes(rng)
+        if all(_draw_way(rng, drive, side) is not None for side in range(len(SIDES))):
+            return drive
     raise SetupError(f"setup {LEVER_UP!r}: {ATTEMPTS} drives in a row have a side without room for the screwdriver")
 
 
-def _draw_drive(rng: np.random.Generator) -> tuple[tuple[Box, ...], float]:
-    """Its boxes, the board last, and the overhang."""
+def _draw_boxes(rng: np.random.Generator) -> Drive:
     sides, height = rng.uniform(*BOARD, 2), rng.uniform(*BOARD_HEIGHT)
     overhang, under = rng.uniform(*OVERHANG), rng.uniform(*UNDER_BOARD)
     bottom = DRIVE_HEIGHT + under
@@ -114,17 +131,16 @@ def _draw_drive(rng: np.random.Generator) -> tuple[tuple[Box, ...], float]:
             friction=rng.uniform(*FRICTION),
         )
     )
-    return tuple(boxes), overhang
+    return Drive(tuple(boxes), overhang)
 
 
-def _draw_way(
-    rng: np.random.Generator, bodies: tuple[Box, ...], overhang: float, side: int
-) -> tuple[LeverTool, tuple[WayPoint, ...]] | None:
+def _draw_way(rng: np.random.Generator, drive: Drive, side: int) -> tuple[LeverTool, tuple[WayPoint, ...]] | None:
     """A screwdriver and its way under one side of the board; None if ledges leave no room.
 
     In the frame of the side x points outward, and the tool's origin lies on the rim when it is in. Its x points along
     it, from tip to handle.
     """
+    bodies, overhang = drive
     across, along = (bodies[-1].size[axis] / 2 for axis in (side % 2, 1 - side % 2))
     for _ in range(TRIES):
         place = rng.uniform(-1, 1) * (along - BLADE[0][1])

@@ -24,7 +24,7 @@ BOARD_COLOUR, FIXED_COLOUR, TOOL_COLOUR, TRUE_COLOUR = (
 )
 TRUE_ALPHA = 0.35
 SNAPSHOTS = 4
-MOST_PICTURES = 61
+MOST_PICTURES = 31
 PIXELS = (400, 230)
 ELEVATION, BESIDE = np.radians(16.0), np.radians(65.0)
 """How high the view looks down, and from how far beside the tool."""
