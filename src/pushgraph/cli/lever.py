@@ -24,6 +24,16 @@ def lever_scene(path: Path):
     return LeverScene.from_json(text, str(path))
 
 
+def predict_lever_scene(scene, model: str, out: Path, animation: str) -> None:
+    """Predict by a shipped predictor or a checkpoint, and write what `write_lever_tracks` does."""
+    from pushgraph.lever_physics import LeverPredictor
+
+    predictor = LeverPredictor.load(model)
+    with console.status("Predicting"):
+        track = predictor.predict(scene)
+    write_lever_tracks({"Predicted": track}, out, animation)
+
+
 def simulate_lever_scene(scene, out: Path, animation: str) -> None:
     """Simulate in MuJoCo, and write what `write_lever_tracks` does."""
     from pushgraph.simulation.lever import simulate_lever

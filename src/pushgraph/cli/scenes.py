@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table
-from pushgraph.cli.lever import lever_scene, simulate_lever_scene
+from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
 from pushgraph.cli.output import check_choice, console, say_files
 from pushgraph.errors import SceneError
 
@@ -87,7 +87,13 @@ def predict(
         str, typer.Option(help="given; mean: as if no mass were known; believed: the medians of --beliefs.")
     ] = "given",
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
-    model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="contact, propnet, or a checkpoint; of scenes in space lever_up or a checkpoint.",
+            show_default="contact, lever_up",
+        ),
+    ] = None,
     animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
@@ -101,6 +107,8 @@ def predict(
     `pushgraph predict demo --relations none --masses mean --animation none`
 
     `pushgraph predict scene.json --relations believed --masses believed --beliefs observed/beliefs.json`
+
+    `pushgraph predict lever-up`
     """
     from pushgraph.belief_history import BeliefHistory
     from pushgraph.physics import PhysicsPredictor
@@ -114,6 +122,14 @@ def predict(
     if beliefs is not None and "believed" not in (relations, masses):
         raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
     check_animation_option(animation)
+    folder = out or Path(Path(scene).stem)
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None:
+        for option, value in (("relations", relations), ("masses", masses)):
+            if value != "given":
+                raise typer.BadParameter("scenes in space know no other than given", param_hint=f"--{option} {value}")
+        predict_lever_scene(in_space, model or "lever_up", folder, animation)
+        return
     given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
@@ -127,12 +143,12 @@ def predict(
             given = history.apply_masses(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
-    predictor = PhysicsPredictor.load(model)
+    predictor = PhysicsPredictor.load(model or "contact")
     warn(assumptions(given) + simplifications(given, predictor.solves))
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
-    _write_track(track, out or Path(Path(scene).stem), animation)
+    _write_track(track, folder, animation)
 
 
 def simulate(
