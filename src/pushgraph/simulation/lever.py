@@ -59,7 +59,9 @@ def build(scene: LeverScene) -> mujoco.MjModel:
     tool.add_freejoint()
     board = spec.worldbody.add_body(name="board")
     board.add_freejoint()
-    touched = {f"tool {index}": (box, tool, scene.tool.friction) for index, box in enumerate(scene.tool.boxes)}
+    touched: dict[str, tuple[Box | ToolBox, mujoco.MjsBody, float]] = {
+        f"tool {index}": (box, tool, scene.tool.friction) for index, box in enumerate(scene.tool.boxes)
+    }
     touched |= {f"body {body.name}": (body, spec.worldbody, body.friction) for body in scene.bodies if body.fixed}
     own = scene.bodies[scene.board]
     _add_geom(board, "board", own, np.array([0.0, 0, 0, 1, 0, 0, 0]), mass=own.mass)
