@@ -14,7 +14,7 @@ from pushgraph.simulation.lever import simulate_lever
 from pushgraph.simulation.lever_setup import SIDES, draw_interaction
 from pushgraph.viewer.box_view import DrawnBox, View, image_of
 
-FLOOR = Box(name="floor", size=(2.0, 2.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True)
+FLOOR = Box(name="floor", size=(10.0, 2.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True)
 BOARD = Box(name="board", size=(0.2, 0.1, 0.01), position=(0.0, 0.0, 0.005), mass=0.1)
 AWAY = WayPoint(time=0.0, position=(0.0, 0.0, 1.0))
 
@@ -35,7 +35,7 @@ def scene_of(*bodies: Box, path: tuple[WayPoint, ...] = (AWAY, AWAY.replace(time
             lambda s: s["bodies"][1].update(position=[0.0, 0.0, 0.0]),
             "body 'board': position: it lies inside 'floor', 5.0",
         ),
-        (lambda s: s["bodies"][0].update(size=[2.0, -0.02, 0.1]), "bodies[0] 'floor': size[1]: Input should be"),
+        (lambda s: s["bodies"][0].update(size=[10.0, -0.02, 0.1]), "bodies[0] 'floor': size[1]: Input should be"),
         (
             lambda s: s["path"][0].update(position=[0.0, 0.0, 0.006]),
             "path[0].position: the tool starts inside body 'board'",
@@ -86,7 +86,7 @@ def test_on_a_slope_it_sticks_or_slides_as_coulomb_says(degrees: float) -> None:
     slope, down = np.radians(degrees), np.array([np.sin(np.radians(degrees)), 0.0, -np.cos(np.radians(degrees))])
     track = simulate_lever(scene_of(FLOOR, BOARD, gravity=tuple((9.81 * down).tolist())))
     acceleration = 9.81 * max(np.sin(slope) - 0.3 * np.cos(slope), 0.0)
-    assert track.board[10, 0] == pytest.approx(acceleration * 0.5**2 / 2, rel=0.01, abs=1e-5)
+    assert track.board[10, 0] == pytest.approx(acceleration * 0.5**2 / 2, rel=0.01, abs=5e-5)
     assert track.penetration.max() < 1e-4
 
 
@@ -102,12 +102,10 @@ def test_a_flat_tool_lifts_the_board_by_as_much_as_it_rises() -> None:
 
 
 def test_a_board_crushed_against_what_cannot_give_way_is_refused() -> None:
-    ceiling = Box(name="ceiling", size=(1.0, 1.0, 0.1), position=(0.0, 0.0, 0.061), fixed=True)
-    way = tuple(WayPoint(time=t, position=(x, 0.0, 0.03)) for t, x in ((0.0, 0.3), (0.5, -0.3)))
-    wall = Box(name="wall", size=(0.02, 1.0, 0.3), position=(-0.12, 0.0, 0.15), fixed=True)
-    tool = LeverTool(boxes=(ToolBox(size=(0.1, 0.1, 0.1), position=(0.0, 0.0, 0.0)),))
-    with pytest.raises(SimulationError, match="thrown off"):
-        simulate_lever(scene_of(FLOOR, BOARD, wall, ceiling, path=way, tool=tool))
+    way = tuple(WayPoint(time=time, position=(0.0, 0.0, height)) for time, height in ((0.0, 0.03), (0.5, -0.01)))
+    block = LeverTool(boxes=(ToolBox(size=(0.1, 0.1, 0.02), position=(0.0, 0.0, 0.01)),))
+    with pytest.raises(SimulationError, match="crushed .* mm deep at .* s, pressed against"):
+        simulate_lever(scene_of(FLOOR, BOARD, path=way, tool=block))
 
 
 def test_the_setup_levers_one_drive_from_every_side_without_deep_overlap() -> None:
@@ -168,7 +166,8 @@ def test_the_nearer_box_hides_the_other_and_a_transparent_one_does_not() -> None
 
 
 def test_the_command_simulates_scenes_in_space(tmp_path, capsys) -> None:
-    main(["simulate", "lever-up", "--out", str(tmp_path), "--animation", "none"])
+    with pytest.raises(SystemExit):
+        main(["simulate", "lever-up", "--out", str(tmp_path), "--animation", "none"])
     assert "rise" in capsys.readouterr().out
     assert LeverTrack.load(tmp_path / "track.h5").raised
     assert (tmp_path / "picture.png").stat().st_size > 10_000
