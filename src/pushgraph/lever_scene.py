@@ -18,7 +18,6 @@ from pushgraph.record import Record
 from pushgraph.scene_file import SceneFile, is_trusted
 from pushgraph.shape import Coordinate, Length
 
-FORMAT = "pushgraph.lever-scene"
 TOOL = "tool"
 """Name of the tool in tracks; no body may bear it."""
 OVERLAP = 5e-4
@@ -106,7 +105,7 @@ class LeverScene(SceneFile):
     Raises SceneError, naming the body and the field, if anything does not fit.
     """
 
-    format: Literal["pushgraph.lever-scene"] = FORMAT
+    format: Literal["pushgraph.lever-scene"] = "pushgraph.lever-scene"
     version: Literal[1] = 1
     bodies: Annotated[tuple[Box, ...], Field(min_length=2, max_length=100)]
     """The board is the one that is not fixed."""
@@ -211,10 +210,10 @@ def corners(size: Size, poses: Float[np.ndarray, "*batch 7"]) -> Float[np.ndarra
 
 def depth(
     size_a: Size, poses_a: Float[np.ndarray, "*#batch 7"], size_b: Size, poses_b: Float[np.ndarray, "*#batch 7"]
-) -> Float[np.ndarray, "*batch"]:
+) -> Float[np.ndarray, "..."]:
     """How deep two boxes overlap (m): the shortest way to part them; negative where they are apart."""
     pose_a, pose_b = torch.broadcast_tensors(torch.from_numpy(poses_a), torch.from_numpy(poses_b))
     half_a, half_b = (
         torch.tensor(size, dtype=torch.float64).expand(*pose_a.shape[:-1], 3) / 2 for size in (size_a, size_b)
     )
-    return -axes_between(pose_a, half_a, pose_b, half_b).gap.amax(-1).numpy()
+    return (-axes_between(pose_a, half_a, pose_b, half_b).gap.amax(-1)).numpy()

@@ -190,5 +190,5 @@ def _create(file: h5py.File, name: str, column: Column, length: int) -> h5py.Dat
     return file.create_dataset(name, shape, column.dtype, **_STORED | chunks)
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value

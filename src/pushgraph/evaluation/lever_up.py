@@ -119,7 +119,11 @@ def _measure_drive(seed: int, drive: int, predictors: Mapping[str, LeverPredicto
             interaction.side,
             interaction.ledge,
             interaction.track.raised,
-            {name: LeverErrors.between(some[k], interaction.track) for name, some in tracks.items() if some[k]},
+            {
+                name: LeverErrors.between(track, interaction.track)
+                for name, some in tracks.items()
+                if (track := some[k]) is not None
+            },
         )
         for k, interaction in enumerate(interactions)
     ]

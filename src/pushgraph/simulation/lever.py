@@ -20,6 +20,10 @@ TOOL_MASS = 1e5
 THROWN = 3.0
 """m/s: a board whose velocity changes so much within a frame was crushed, and thrown by the solver."""
 
+_REMEDY = "pressed against what cannot give way: let the tool go more slowly, or another way"
+CRUSHED = 2e-3
+"""Deeper overlap (m) is not from contacts that give way a little, but from a board with nowhere to go."""
+
 
 def simulate_lever(scene: LeverScene) -> LeverTrack:
     """Move the tool along its path; the same scene gives the same bits anywhere.
@@ -42,7 +46,13 @@ def simulate_lever(scene: LeverScene) -> LeverTrack:
             _check_thrown(board)
     poses = np.tile(np.concatenate(([tool[0]], scene.poses_world_from_body)), (len(times), 1, 1))
     poses[:, 0], poses[:, 1 + scene.board] = tool[::STEPS], board
-    return LeverTrack(scene, poses)
+    track = LeverTrack(scene, poses)
+    deepest = int(track.penetration.argmax())
+    if track.penetration[deepest] > CRUSHED:
+        raise SimulationError(
+            f"the board is crushed {track.penetration[deepest] * 1e3:.1f} mm deep at {times[deepest]:.2f} s, {_REMEDY}"
+        )
+    return track
 
 
 def build(scene: LeverScene) -> mujoco.MjModel:
@@ -59,7 +69,9 @@ def build(scene: LeverScene) -> mujoco.MjModel:
     tool.add_freejoint()
     board = spec.worldbody.add_body(name="board")
     board.add_freejoint()
-    touched = {f"tool {index}": (box, tool, scene.tool.friction) for index, box in enumerate(scene.tool.boxes)}
+    touched: dict[str, tuple[Box | ToolBox, mujoco.MjsBody, float]] = {
+        f"tool {index}": (box, tool, scene.tool.friction) for index, box in enumerate(scene.tool.boxes)
+    }
     touched |= {f"body {body.name}": (body, spec.worldbody, body.friction) for body in scene.bodies if body.fixed}
     own = scene.bodies[scene.board]
     _add_geom(board, "board", own, np.array([0.0, 0, 0, 1, 0, 0, 0]), mass=own.mass)
@@ -104,6 +116,5 @@ def _check_thrown(board: list[np.ndarray]) -> None:
     change = np.linalg.norm(places[2] - 2 * places[1] + places[0]) / FRAME
     if not change <= THROWN:  # NaN, too
         raise SimulationError(
-            f"the board is thrown off by {change:.3g} m/s at {(len(board) - 1) * FRAME:.2f} s: it is crushed between "
-            "what cannot give way. Let the tool go more slowly, or another way"
+            f"the board is thrown off by {change:.3g} m/s at {(len(board) - 1) * FRAME:.2f} s, {_REMEDY}"
         )

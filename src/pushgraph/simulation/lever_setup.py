@@ -102,14 +102,13 @@ def _draw_boxes(rng: np.random.Generator) -> Drive:
     sides, height = rng.uniform(*BOARD, 2), rng.uniform(*BOARD_HEIGHT)
     overhang, under = rng.uniform(*OVERHANG), rng.uniform(*UNDER_BOARD)
     bottom = DRIVE_HEIGHT + under
-    given = {"fixed": True, "friction": FRICTION_OF_DRIVE}
+    fixed = functools.partial(Box, fixed=True, friction=FRICTION_OF_DRIVE)
     boxes = [
-        Box(name="drive", size=(DRIVE, DRIVE, DRIVE_HEIGHT), position=(0.0, 0.0, DRIVE_HEIGHT / 2), **given),
-        Box(
+        fixed(name="drive", size=(DRIVE, DRIVE, DRIVE_HEIGHT), position=(0.0, 0.0, DRIVE_HEIGHT / 2)),
+        fixed(
             name="plate",
             size=(*(sides - 2 * overhang).tolist(), under),
             position=(0.0, 0.0, DRIVE_HEIGHT + under / 2),
-            **given,
         ),
     ]
     for side, name in enumerate(SIDES):
@@ -121,7 +120,7 @@ def _draw_boxes(rng: np.random.Generator) -> Drive:
         middle = np.array([inner + LEDGE_DEPTH / 2, along * (DRIVE - length), top / 2])
         x, y, z = pose_3d.rotate(middle, _about_vertical(side)).tolist()
         size = (LEDGE_DEPTH, length, top) if side % 2 == 0 else (length, LEDGE_DEPTH, top)
-        boxes.append(Box(name=f"ledge_{name}", size=size, position=(x, y, z), **given))
+        boxes.append(fixed(name=f"ledge_{name}", size=size, position=(x, y, z)))
     boxes.append(
         Box(
             name="board",
