@@ -9,8 +9,9 @@ import torch
 
 from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
+from pushgraph.dataset.ragged import Recipe
 from pushgraph.dataset.sequences import SequenceSampler
-from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.errors import CheckpointError, DatasetError, TrainingError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes
 from pushgraph.network.dynamics import ContactDynamics
@@ -32,7 +33,7 @@ def data(tmp_path_factory) -> dict[str, str]:
         path = tmp_path_factory.mktemp("training") / f"{name}.h5"
         columns = Columns.of([draw_trajectory("multiple-parts", 3, seed, k) for k in range(count)])
         recipe = Recipe(setup="multiple-parts", objects=3, seed=seed, first=0, count=count)
-        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        Dataset.write(path, recipe, [columns])
         paths[name] = str(path)
     return paths
 
@@ -146,7 +147,7 @@ def masses(tmp_path_factory) -> dict[str, str]:
         path = tmp_path_factory.mktemp("masses") / f"{name}.h5"
         columns = Columns.of([draw_trajectory("different-masses-mixed", 3, seed, k) for k in range(count)])
         recipe = Recipe(setup="different-masses-mixed", objects=3, seed=seed, first=0, count=count)
-        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        Dataset.write(path, recipe, [columns])
         paths[name] = str(path)
     return paths
 

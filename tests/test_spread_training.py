@@ -9,7 +9,8 @@ import torch
 
 from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
-from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.ragged import Recipe
+from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.errors import TrainingError
 from pushgraph.network.spread_network import LEAST, LEAST_YAW, Scales
 from pushgraph.simulation.setups import draw_trajectory
@@ -29,7 +30,7 @@ def data(tmp_path_factory) -> dict[str, str]:
         path = tmp_path_factory.mktemp("training") / f"{name}.h5"
         columns = Columns.of([draw_trajectory("multiple-parts", 3, seed, k) for k in range(count)])
         recipe = Recipe(setup="multiple-parts", objects=3, seed=seed, first=0, count=count)
-        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        Dataset.write(path, recipe, [columns])
         paths[name] = str(path)
     return paths
 

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from pushgraph import cli, pose
 from pushgraph.checkpoint import load_checkpoint
-from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.ragged import Recipe
+from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.dataset.windows import WindowSampler
 from pushgraph.errors import TrainingError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pairs_of
@@ -40,7 +41,7 @@ def data(tmp_path_factory) -> dict[str, str]:
         path = tmp_path_factory.mktemp("training") / f"{name}.h5"
         columns = Columns.of([draw_trajectory("planar", 3, seed, k) for k in range(count)])
         recipe = Recipe(setup="planar", objects=3, seed=seed, first=0, count=count)
-        write(path, recipe, len(columns.push), len(columns.poses), [columns])
+        Dataset.write(path, recipe, [columns])
         paths[name] = str(path)
     return paths
 
@@ -189,7 +190,7 @@ def test_settings_that_cannot_work_are_refused(change, says, data) -> None:
 def test_test_seeds_are_refused(data, tmp_path) -> None:
     columns = Columns.of([draw_trajectory("multiple-parts", 2, 1_000_000, 0)])
     recipe = Recipe(setup="multiple-parts", objects=2, seed=1_000_000, first=0, count=1)
-    write(tmp_path / "test.h5", recipe, len(columns.push), len(columns.poses), [columns])
+    Dataset.write(tmp_path / "test.h5", recipe, [columns])
     training = PhysicsTraining("contact", data=str(tmp_path / "test.h5"), validation=data["validation"], **TINY)
     with pytest.raises(TrainingError, match="seeds from 1,000,000 on are for tests"):
         train_physics(training, tmp_path, tmp_path / "out.safetensors")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pushgraph.dataset import windows
-from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.ragged import Recipe
+from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.dataset.windows import WindowSampler
 from pushgraph.errors import DatasetError
 from pushgraph.simulation.setups import draw_trajectory
@@ -18,7 +19,7 @@ def ragged(tmp_path_factory) -> Dataset:
     columns = Columns.of([draw_trajectory("multiple-parts", 1 + k % 3, 0, k) for k in range(12)])
     path = tmp_path_factory.mktemp("windows") / "data.h5"
     recipe = Recipe(setup="multiple-parts", objects=3, seed=0, first=0, count=12)
-    write(path, recipe, len(columns.push), len(columns.poses), [columns])
+    Dataset.write(path, recipe, [columns])
     return Dataset(path)
 
 

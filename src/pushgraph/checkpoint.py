@@ -20,12 +20,13 @@ from torch import Tensor, nn
 from pushgraph.errors import CheckpointError
 from pushgraph.network.belief_network import BELIEFS
 from pushgraph.network.dynamics import DYNAMICS
+from pushgraph.network.lever_dynamics import LEVERS
 from pushgraph.network.spread_network import SPREADS
 from pushgraph.storage import replacing
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
-KINDS = {**DYNAMICS, **BELIEFS, **SPREADS}
+KINDS = {**DYNAMICS, **BELIEFS, **SPREADS, **LEVERS}
 """Every network by name."""
 
 

@@ -3,27 +3,24 @@
 A number that is None is unknown to the robot. See docs/scene.md for the file format.
 """
 
-import json
 import math
-import os
 from collections.abc import Sequence
 from itertools import combinations
-from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from pushgraph import pose
 from pushgraph.arm import Arm
 from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, signed_gap
-from pushgraph.errors import SceneError
 from pushgraph.mass_prior import MASS_CLASSES, MassClass, check_classes
 from pushgraph.parts import contacts_of_bodies, parts_of
-from pushgraph.record import Record, explain
+from pushgraph.record import Record
+from pushgraph.scene_file import SceneFile, is_trusted
 from pushgraph.shape import Length, Point, Pose, rounded_boxes, take
 from pushgraph.tool import FASTEST, Push, Tool
 
@@ -41,8 +38,6 @@ SWING, SLIDE = math.pi / 2, 0.08
 NOMINAL_MASS = 0.6
 NOMINAL_TABLE_FRICTION = 0.45
 NOMINAL_SIDE_FRICTION = 0.25
-TRUSTED = {"trusted": True}
-"""Validation context of scenes that were checked when they were written: skips the geometry."""
 
 
 class Table(Record):
@@ -91,7 +86,7 @@ def place_joint(
     return JointFrame(anchor, axis, joint.limits or default)
 
 
-class Scene(Record):
+class Scene(SceneFile):
     """Everything on the table, what the robot will do, and what it does not know.
 
     Raises SceneError, naming the body and the field, if anything does not fit.
@@ -119,7 +114,7 @@ class Scene(Record):
 
     @model_validator(mode="after")
     def _consistent(self, info: Any) -> "Scene":
-        if not (info.context or {}).get("trusted"):
+        if not is_trusted(info):
             self._check_names()
             self._check_places()
             check_classes(self.classes_of_mass)
@@ -335,64 +330,3 @@ class Scene(Record):
             table=self.table.replace(pose_world_from_table=at(self.table.pose_world_from_table)),
             arm=None if self.arm is None else self.arm.moved(motion),
         )
-
-    def to_json(self, indent: int | None = 2) -> str:
-        """The scene as JSON text; `from_json` reads it back bit for bit."""
-        return self.model_dump_json(indent=indent)
-
-    @classmethod
-    def from_json(cls, text: str | bytes, source: str = "scene", trusted: bool = False) -> "Scene":
-        """Read a scene from JSON text; `source` names it in errors. Trusted text is not checked for overlap."""
-        if not trusted:
-            _check_header(text, source)
-        try:
-            return cls.model_validate_json(text, strict=True, context=TRUSTED if trusted else None)
-        except ValidationError as error:
-            raise SceneError(explain(error, source, _parsed(text))) from None
-
-    @classmethod
-    def load(cls, path: str | os.PathLike) -> "Scene":
-        """Read a scene from a JSON file."""
-        try:
-            text = Path(path).read_bytes()
-        except (OSError, ValueError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise SceneError(f"{path}: cannot read this scene: {reason}") from error
-        return cls.from_json(text, str(path))
-
-
-def _parsed(text: str | bytes) -> object:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-
-
-def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    fields = dict(pairs)
-    if len(fields) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} stands twice in one object")
-    return fields
-
-
-def _check_header(text: str | bytes, source: str) -> None:
-    """Refuse what is no scene, or a scene of another version, before its fields are looked at."""
-    try:
-        data = json.loads(text, object_pairs_hook=_without_duplicates)
-    except RecursionError:
-        raise SceneError(f"{source}: not a scene: nested too deeply") from None
-    except ValueError as error:
-        raise SceneError(f"{source}: not valid JSON: {error}") from None
-    if not isinstance(data, dict):
-        raise SceneError(f"{source}: a scene is a JSON object, got {type(data).__name__}")
-    if data.get("format") != FORMAT:
-        raise SceneError(f'{source}: "format" must be "{FORMAT}", got {data.get("format")!r}')
-    version = data.get("version")
-    if type(version) is int and version > VERSION:
-        raise SceneError(
-            f"{source}: written in version {version} of the scene format, newer than this pushgraph reads "
-            f"({VERSION}); update pushgraph"
-        )
-    if type(version) is not int or version != VERSION:
-        raise SceneError(f'{source}: "version" must be {VERSION}, got {version!r}')

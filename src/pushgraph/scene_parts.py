@@ -9,7 +9,8 @@ from pushgraph import pose
 from pushgraph.body import Body, Joint
 from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.patch import area_shares
-from pushgraph.scene import TRUSTED, Scene
+from pushgraph.scene import Scene
+from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Polygon
 
 LIGHTEST = 1e-3

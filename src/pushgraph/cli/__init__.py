@@ -10,6 +10,7 @@ from pushgraph.cli import (
     adapting,
     data,
     evaluating,
+    evaluating_lever,
     evaluating_masses,
     evaluating_plans,
     evaluating_real,
@@ -42,7 +43,7 @@ for command in (
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.
 app.command(context_settings={"ignore_unknown_options": True})(planning.plan)
 app.add_typer(training.app, name="train")
-for suites in (evaluating_masses, evaluating_plans, evaluating_real, evaluating_recordings):
+for suites in (evaluating_lever, evaluating_masses, evaluating_plans, evaluating_real, evaluating_recordings):
     for name, measure in suites.COMMANDS.items():
         evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")

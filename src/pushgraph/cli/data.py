@@ -19,11 +19,13 @@ def generate(
             "planar-mixed: that, of many sizes; different-masses: cylinders of three classes of mass; "
             "different-masses-mixed: that, of two objects up to --objects; "
             "controlled-masses: 2 or 3 cylinders of which only the masses change; "
-            "camera: 2 to 5 glued cylinders without yaw, pushed once by a hammer."
+            "camera: 2 to 5 glued cylinders without yaw, pushed once by a hammer; "
+            "lever-up: a board levered up from the four sides of drives."
         ),
     ],
-    count: Annotated[int, typer.Option(min=1, help="Trajectories.")],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
+    count: Annotated[int | None, typer.Option(min=1, help="Trajectories.")] = None,
+    drives: Annotated[int | None, typer.Option(min=1, help="Of lever-up, instead of --count: four each.")] = None,
     objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of mixed setups, the most.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
@@ -40,11 +42,18 @@ def generate(
     `pushgraph generate planar --count 30000 --out mixture.h5 --workers 16`
 
     `pushgraph generate controlled-masses --objects 2 --count 1000 --seed 1000000 --out two.h5`
-    """
-    from pushgraph.dataset.generate import generate as generate_dataset
-    from pushgraph.dataset.store import Dataset
-    from pushgraph.dataset.summary import table
 
+    `pushgraph generate lever-up --drives 125 --out lever-up.h5`
+    """
+    from pushgraph.dataset import lever_store, summary
+    from pushgraph.dataset.generate import dataset_class
+    from pushgraph.dataset.generate import generate as generate_dataset
+    from pushgraph.simulation.lever_setup import LEVER_UP, SIDES
+
+    if (count is None) == (drives is None) or (drives is not None and setup != LEVER_UP):
+        raise typer.BadParameter(f"give --count, or for {LEVER_UP} --drives", param_hint="--count")
+    levers = setup == LEVER_UP
+    objects, count = (1 if levers else objects), (len(SIDES) * drives if count is None else count)
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task(setup, total=count)
         try:
@@ -54,10 +63,11 @@ def generate(
         except KeyboardInterrupt:
             progress.console.print("Interrupted: what is done is kept, the same command goes on from there.")
             raise typer.Exit(130) from None
-    with Dataset(path) as written:
-        rows = table(written.summary)
-    summary = Table(title=f"{setup}, {objects} objects, seed {seed}", show_header=False)
+    with dataset_class(setup)(path) as written:
+        rows = (lever_store if levers else summary).table(written.summary)
+    closing = Table(title=f"{setup}, seed {seed}" if levers else f"{setup}, {objects} objects, seed {seed}")
+    closing.show_header = False
     for name, value in rows.items():
-        summary.add_row(name, value)
-    console.print(summary)
+        closing.add_row(name, value)
+    console.print(closing)
     console.print(f"Dataset: {path} ({path.stat().st_size / 2**20:.1f} MiB)", soft_wrap=True, markup=False)

@@ -10,7 +10,8 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table
-from pushgraph.cli.output import check_choice, console
+from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
+from pushgraph.cli.output import check_choice, console, say_files
 from pushgraph.errors import SceneError
 
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
@@ -55,7 +56,7 @@ def demo(
     after = f"after {regulator.frames} frames"
     console.print(joints_table(f"Believed {after}", regulator.pairs, regulator.probabilities))
     console.print(masses_table(f"Masses believed {after}", regulator.masses(), scene, sensor=False))
-    console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
+    say_files(outputs)
 
 
 def _predicted_while_watching(regulator, predictor, track) -> dict:
@@ -77,7 +78,7 @@ def _predicted_while_watching(regulator, predictor, track) -> dict:
 
 
 def predict(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     relations: Annotated[
         str, typer.Option(help="given; none: as if nothing were joined; believed: those of --beliefs.")
@@ -86,7 +87,13 @@ def predict(
         str, typer.Option(help="given; mean: as if no mass were known; believed: the medians of --beliefs.")
     ] = "given",
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
-    model: Annotated[str, typer.Option(help="contact, propnet, or a checkpoint.")] = "contact",
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="contact, propnet, or a checkpoint; of scenes in space lever_up or a checkpoint.",
+            show_default="contact, lever_up",
+        ),
+    ] = None,
     adaptation: Annotated[
         Path | None, typer.Option(help="What pushgraph adapt wrote: of bodies that bear the names of its shapes.")
     ] = None,
@@ -104,6 +111,8 @@ def predict(
     `pushgraph predict demo --relations none --masses mean --animation none`
 
     `pushgraph predict scene.json --relations believed --masses believed --beliefs observed/beliefs.json`
+
+    `pushgraph predict lever-up`
     """
     from pushgraph.belief_history import BeliefHistory
     from pushgraph.physics import PhysicsPredictor
@@ -117,6 +126,14 @@ def predict(
     if beliefs is not None and "believed" not in (relations, masses):
         raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
     check_animation_option(animation)
+    folder = out or Path(Path(scene).stem)
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None:
+        for option, value in (("relations", relations), ("masses", masses)):
+            if value != "given":
+                raise typer.BadParameter("scenes in space know no other than given", param_hint=f"--{option} {value}")
+        predict_lever_scene(in_space, model or "lever_up", folder, animation)
+        return
     given = load_scene(scene)
     if relations == "none":
         given = given.replace(joints=(), unknown_pairs=())
@@ -130,7 +147,7 @@ def predict(
             given = history.apply_masses(given)
     if masses == "mean":
         given = given.replace(bodies=tuple(body.replace(mass=None) for body in given.bodies))
-    predictor = PhysicsPredictor.load(model)
+    predictor = PhysicsPredictor.load(model or "contact")
     if adaptation is not None:
         from pushgraph.adaptation.files import load_adaptation
 
@@ -139,11 +156,11 @@ def predict(
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
-    _write_track(track, out or Path(Path(scene).stem), animation)
+    _write_track(track, folder, animation)
 
 
 def simulate(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo.")],
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     robot: Annotated[
         str, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
@@ -155,6 +172,7 @@ def simulate(
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
 
+    Of a scene in space, in which a board is levered up, the track is HDF5.
     With `--robot ur10` also what the arm's joints were told, with the fields of ROS's JointTrajectory.
 
     Examples:
@@ -164,13 +182,20 @@ def simulate(
     `pushgraph simulate demo --animation none`
 
     `pushgraph simulate demo --robot ur10 --render arm.gif`
+
+    `pushgraph simulate lever-up`
     """
     check_animation_option(animation)
     check_choice("robot", robot, ("kinematic", "ur10"))
     if render is not None and robot != "ur10":
         raise typer.BadParameter("needs --robot ur10", param_hint="--render")
     folder = out or Path(Path(scene).stem)
-    if robot == "ur10":
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None and robot != "kinematic":
+        raise typer.BadParameter("moves tools on a table, not in space", param_hint=f"--robot {robot}")
+    if in_space is not None:
+        simulate_lever_scene(in_space, folder, animation)
+    elif robot == "ur10":
         _simulate_with_arm(scene, folder, animation, render)
     else:
         _simulate(scene, folder, animation)
@@ -243,21 +268,25 @@ def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ())
             save_animation(track, outputs[-1])
     console.print(final_poses(track))
     warn(remarks(track))
-    console.print("Written: " + ", ".join(str(path) for path in [*outputs, *written]), soft_wrap=True, markup=False)
+    say_files([*outputs, *written])
+
+
+def scene_path(source: str) -> Path:
+    """The file itself, or a shipped one by name."""
+    shipped = SHIPPED_SCENES / f"{source}.json"
+    return shipped if shipped in SHIPPED_SCENES.glob("*.json") and not Path(source).is_file() else Path(source)
 
 
 def load_scene(source: str):
     """The scene in a file, or a shipped one by name."""
     from pushgraph.scene import Scene
 
-    shipped = {path.stem: path for path in SHIPPED_SCENES.glob("*.json")}
-    if source in shipped and not Path(source).is_file():
-        return Scene.load(shipped[source])
     try:
-        return Scene.load(source)
+        return Scene.load(scene_path(source))
     except SceneError as error:
         if isinstance(error.__cause__, FileNotFoundError):
-            raise SceneError(f"{error}; shipped scenes: {', '.join(sorted(shipped))}") from None
+            shipped = ", ".join(sorted(path.stem for path in SHIPPED_SCENES.glob("*.json")))
+            raise SceneError(f"{error}; shipped scenes: {shipped}") from None
         raise
 
 

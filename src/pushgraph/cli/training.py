@@ -178,6 +178,57 @@ def spread(
     _conduct(training, train_spread, processes, device, cache, out, _SPREAD_COLUMNS)
 
 
+@app.command("lever-up")
+def lever_up(
+    data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate lever-up.")],
+    validation: Annotated[Path, typer.Option(help="Interactions on which the weights are chosen.")],
+    out: _Out,
+    model: Annotated[str, typer.Option(help="lever_up (ours) or lever_up_propnet (the paper's).")] = "lever_up",
+    interactions: Annotated[
+        int | None, typer.Option(min=1, help="Use the first of the data alone.", show_default="all")
+    ] = None,
+    samples: Annotated[int, typer.Option(min=1, help="Predicted frames of training windows, all in all.")] = 200_000,
+    frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 4,
+    batch: Annotated[int, typer.Option(min=1, help="Windows in a step, over all processes.")] = 64,
+    learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 1e-3,
+    hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 64,
+    propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 2,
+    seed: _Seed = 0,
+    start_from: _StartFrom = None,
+    processes: _Processes = CORES,
+    device: _Device = "cpu",
+    cache: _Cache = None,
+) -> None:
+    """Train the prediction of boards that are levered up; the weights with the smallest rollout error are kept.
+
+    Example:
+
+    `pushgraph train lever-up --data lever-up.h5 --validation lever-up-validation.h5 --out lever_up.safetensors`
+    """
+    from pushgraph.training.lever import LeverTraining, train_lever
+
+    training = LeverTraining(
+        model=model,
+        data=str(data),
+        validation=str(validation),
+        interactions=interactions,
+        samples=samples,
+        frames=frames,
+        batch=batch,
+        learning_rate=learning_rate,
+        hidden=hidden,
+        propagation_steps=propagation_steps,
+        seed=seed,
+        start_from=None if start_from is None else str(start_from),
+    )
+    _conduct(training, train_lever, processes, device, cache, out, _LEVER_COLUMNS)
+
+
+_LEVER_COLUMNS = {
+    "bounded error (mm)": "bounded_error_mm",
+    "final position (mm)": "final_position_error_mm",
+    "final rotation (deg)": "final_rotation_error_deg",
+}
 _PHYSICS_COLUMNS = {
     "bounded error (cm)": "bounded_error_cm",
     "mean error (cm)": "mean_error_cm",

@@ -10,8 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pushgraph.dataset.engines import ENGINES
-from pushgraph.dataset.store import Columns, Dataset, Recipe, write
+from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
+from pushgraph.dataset.ragged import RaggedFile, Recipe
+from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.errors import DatasetError
+from pushgraph.simulation.lever_setup import LEVER_UP, draw_interaction
 from pushgraph.simulation.setups import draw_trajectory, find_setup
 from pushgraph.storage import replacing
 
@@ -37,7 +40,8 @@ def generate(
     many trajectories are done. Raises DatasetError if `out` or its parts are of another recipe, another
     process is at them, or the disk is full; nothing is overwritten then.
     """
-    find_setup(setup, objects)
+    if setup != LEVER_UP:
+        find_setup(setup, objects)
     if engine not in ENGINES:
         raise DatasetError(f"no engine {engine!r}; valid: {', '.join(ENGINES)}")
     bounds = {"objects": (objects, 1, 1000), "count": (count, 1, 10**9), "seed": (seed, 0, 2**63 - 1)}
@@ -59,7 +63,7 @@ def generate(
         done = count - sum(block.count for block in missing)
         progress(done)
         for block, columns in ENGINES[engine](draw_block, missing, workers):
-            write(_part(parts, block), block, len(columns.push), len(columns.poses), [columns])
+            dataset_class(setup).write(_part(parts, block), block, [columns])
             done += block.count
             progress(done)
         _join(out, recipe, [_part(parts, block) for block in blocks])
@@ -67,18 +71,21 @@ def generate(
     return out
 
 
-def draw_block(block: Recipe) -> Columns:
+def dataset_class(setup: str) -> type[RaggedFile]:
+    """What reads datasets of a setup."""
+    return LeverDataset if setup == LEVER_UP else Dataset
+
+
+def draw_block(block: Recipe) -> Columns | LeverColumns:
     """Draw the trajectories of one block."""
-    return Columns.of(
-        [
-            draw_trajectory(block.setup, block.objects, block.seed, index)
-            for index in range(block.first, block.first + block.count)
-        ]
-    )
+    indices = range(block.first, block.first + block.count)
+    if block.setup == LEVER_UP:
+        return LeverColumns.of([draw_interaction(block.seed, index) for index in indices])
+    return Columns.of([draw_trajectory(block.setup, block.objects, block.seed, index) for index in indices])
 
 
 def _check_finished(out: Path, recipe: Recipe) -> None:
-    with Dataset(out) as dataset:
+    with dataset_class(recipe.setup)(out) as dataset:
         differences = recipe.differences(dataset.recipe)
     if differences:
         raise DatasetError(f"{out}: holds another dataset ({differences}); choose another --out, or remove it first")
@@ -132,7 +139,7 @@ def _is_whole(path: Path, block: Recipe) -> bool:
     if not path.exists():
         return False
     try:
-        with Dataset(path) as part:
+        with dataset_class(block.setup)(path) as part:
             part.columns(0, len(part))
             return part.recipe == block
     except DatasetError:
@@ -147,14 +154,15 @@ def _join(out: Path, recipe: Recipe, parts: list[Path]) -> None:
             f"{out}: the disk has {free / 2**20:.0f} MiB left, {needed / 2**20:.0f} MiB are needed to join the blocks; "
             "free some space and run the same command again"
         )
-    frames = rows = 0
+    reader = dataset_class(recipe.setup)
+    lengths = dict.fromkeys(reader.layout.measured_by, 0)
     for part in parts:
-        with Dataset(part) as dataset:
-            frames, rows = frames + int(dataset.frame_offset[-1]), rows + int(dataset.pose_offset[-1])
+        with reader(part) as dataset:
+            lengths = {name: length + int(dataset.offsets[name][-1]) for name, length in lengths.items()}
 
-    def stretches() -> Iterator[Columns]:
+    def stretches() -> Iterator[Columns | LeverColumns]:
         for part in parts:
-            with Dataset(part) as dataset:
+            with reader(part) as dataset:
                 yield dataset.columns(0, len(dataset))
 
-    write(out, recipe, frames, rows, stretches())
+    reader.write(out, recipe, stretches(), lengths)

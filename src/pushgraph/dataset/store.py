@@ -11,57 +11,33 @@
 /summary       [count]    compound what happened in each trajectory
 """
 
-import contextlib
-import dataclasses
-import importlib.metadata
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import h5py
 import numpy as np
 
+from pushgraph.dataset.ragged import Column, Layout, RaggedFile
 from pushgraph.dataset.summary import COLUMNS, summarize
-from pushgraph.errors import DatasetError
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import Trajectory
-from pushgraph.storage import replacing_hdf5
 from pushgraph.track import FRAME, Track
 
-FORMAT = "pushgraph.dataset"
-VERSION = 2
-ROWS_PER_CHUNK = 16384
-_STORED = {"chunks": True, "compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What a dataset is made from; the same recipe gives the same bytes."""
-
-    setup: str
-    objects: int
-    seed: int
-    first: int
-    count: int
-    versions: str = dataclasses.field(
-        default_factory=lambda: ", ".join(
-            f"{package} {importlib.metadata.version(package)}" for package in ("pushgraph", "mujoco", "numpy", "torch")
-        )
-    )
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Names of the fields."""
-        return tuple(field.name for field in dataclasses.fields(cls))
-
-    def differences(self, other: "Recipe") -> str:
-        """Say where another recipe differs; empty if it does not."""
-        return ", ".join(
-            f"{name} {getattr(other, name)!r} instead of {getattr(self, name)!r}"
-            for name in self.names()
-            if getattr(other, name) != getattr(self, name)
-        )
+LAYOUT = Layout(
+    format="pushgraph.dataset",
+    version=2,
+    columns={
+        "poses": Column(np.float32, "pose_offset", 3, "x (m), y (m), yaw (rad)"),
+        "push": Column(np.int16, "frame_offset"),
+        "wrench": Column(np.float32, "frame_offset", 3, "force (N), world; moment (N m)"),
+        "scenes": Column(h5py.string_dtype()),
+        "density": Column("S6"),
+        "kind": Column("S12"),
+        "summary": Column(COLUMNS),
+    },
+    measured_by={"pose_offset": "poses", "frame_offset": "push"},
+)
 
 
 @dataclass(frozen=True)
@@ -95,77 +71,20 @@ class Columns:
         )
 
 
-def write(path: str | os.PathLike, recipe: Recipe, frames: int, rows: int, columns: Iterable[Columns]) -> None:
-    """Write a dataset of known size from its consecutive stretches, whole or not at all.
-
-    Raises StorageError if the disk is full or refuses; the target is then as it was.
-    """
-    with replacing_hdf5(path) as file:
-        file.attrs.update(format=FORMAT, version=VERSION, frame_s=FRAME, **dataclasses.asdict(recipe))
-        chunk = min(ROWS_PER_CHUNK, rows)
-        stored = {
-            "poses": file.create_dataset("poses", (rows, 3), np.float32, **_STORED | {"chunks": (chunk, 3)}),
-            "push": file.create_dataset("push", (frames,), np.int16, **_STORED),
-            "wrench": file.create_dataset("wrench", (frames, 3), np.float32, **_STORED),
-            "scenes": file.create_dataset("scenes", (recipe.count,), h5py.string_dtype()),
-            "density": file.create_dataset("density", (recipe.count,), "S6"),
-            "kind": file.create_dataset("kind", (recipe.count,), "S12"),
-            "summary": file.create_dataset("summary", (recipe.count,), COLUMNS),
-        }
-        stored["poses"].attrs["unit"] = "x (m), y (m), yaw (rad)"
-        stored["wrench"].attrs["unit"] = "force (N), world; moment (N m)"
-        offsets = {name: np.zeros(recipe.count + 1, np.int64) for name in ("pose_offset", "frame_offset")}
-        first = {name: 0 for name in stored}
-        for stretch in columns:
-            for name, dataset in stored.items():
-                values = getattr(stretch, name)
-                dataset[first[name] : first[name] + len(values)] = values
-            for name, flat in (("pose_offset", "poses"), ("frame_offset", "push")):
-                done, local = first["scenes"], getattr(stretch, name)
-                offsets[name][done + 1 : done + len(local)] = first[flat] + local[1:]
-            first = {name: first[name] + len(getattr(stretch, name)) for name in stored}
-        for name, values in offsets.items():
-            file[name] = values
-
-
-class Dataset:
+class Dataset(RaggedFile):
     """A dataset open for reading; `len` and indexing by trajectory. Raises DatasetError if the file is not whole."""
 
+    layout, stretch = LAYOUT, Columns
+
     def __init__(self, path: str | os.PathLike) -> None:
-        self.path = Path(path)
-        with self._reading():
-            self._file = h5py.File(path, "r")
-            attributes = dict(self._file.attrs)
-        if str(attributes.get("format")) != FORMAT:
-            raise DatasetError(f"{path}: not a dataset: attribute 'format' must be {FORMAT!r}")
-        if str(attributes.get("version")) != str(VERSION):
-            raise DatasetError(f"{path}: dataset version {attributes.get('version')}; this pushgraph reads {VERSION}")
-        with self._reading():
-            self.recipe = Recipe(**{name: _plain(attributes[name]) for name in Recipe.names()})
-            self.pose_offset: np.ndarray = self._file["pose_offset"][()]
-            self.frame_offset: np.ndarray = self._file["frame_offset"][()]
-            self.density: np.ndarray = self._file["density"][()].astype(str)
-            self.kind: np.ndarray = self._file["kind"][()].astype(str)
-            self.summary: np.ndarray = self._file["summary"][()]
-
-    def __enter__(self) -> "Dataset":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def __len__(self) -> int:
-        return self.recipe.count
+        super().__init__(path)
+        self.pose_offset, self.frame_offset = self.offsets["pose_offset"], self.offsets["frame_offset"]
+        self.density: np.ndarray = self.entries["density"].astype(str)
+        self.kind: np.ndarray = self.entries["kind"].astype(str)
 
     def __getitem__(self, index: int) -> Track:
         """The track of one trajectory, its scene checked when it was written."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"trajectory {index} of {len(self)}")
-        index %= len(self)
+        index = self.place(index)
         stretch = self.columns(index, index + 1)
         scene = self.scene(index)
         poses = stretch.poses.astype(np.float64).reshape(len(stretch.push), -1, 3)
@@ -180,36 +99,4 @@ class Dataset:
 
     def scene(self, index: int) -> Scene:
         """The scene of one trajectory, with its pushes."""
-        with self._reading():
-            text = self._file["scenes"][index]
-        return Scene.from_json(text, f"{self.path}: scene {index}", trusted=True)
-
-    def columns(self, first: int, last: int) -> Columns:
-        """Trajectories first to last - 1, laid out flat."""
-        rows = slice(*self.pose_offset[[first, last]])
-        frames = slice(*self.frame_offset[[first, last]])
-        with self._reading():
-            return Columns(
-                poses=self._file["poses"][rows],
-                push=self._file["push"][frames],
-                wrench=self._file["wrench"][frames],
-                pose_offset=self.pose_offset[first : last + 1] - rows.start,
-                frame_offset=self.frame_offset[first : last + 1] - frames.start,
-                scenes=self._file["scenes"][first:last],
-                density=self.density[first:last].astype("S6"),
-                kind=self.kind[first:last].astype("S12"),
-                summary=self.summary[first:last],
-            )
-
-    @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
-        try:
-            yield
-        except FileNotFoundError:
-            raise DatasetError(f"{self.path}: no such dataset") from None
-        except (OSError, KeyError, RuntimeError, AttributeError, TypeError, ValueError) as error:
-            raise DatasetError(f"{self.path}: cannot be read, it may be truncated or damaged: {error}") from None
-
-
-def _plain(value: object) -> object:
-    return int(value) if isinstance(value, np.integer) else value
+        return Scene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)

@@ -6,37 +6,66 @@ computed where it lives, on an object once and not on each of its relations: the
 """
 
 import itertools
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES, PropnetGraph
+from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES
+
+
+@runtime_checkable
+class Graph(Protocol):
+    """What is propagated through: features, and the nodes that every edge leads to and comes from."""
+
+    @property
+    def nodes(self) -> Float[Tensor, "nodes node_features"]:
+        """Of every node."""
+
+    @property
+    def edges(self) -> Float[Tensor, "edges edge_features"]:
+        """Of every edge."""
+
+    @property
+    def receiver(self) -> Int[Tensor, " edges"]:
+        """The node it leads to."""
+
+    @property
+    def sender(self) -> Int[Tensor, " edges"]:
+        """The node it comes from."""
 
 
 class Propagated(NamedTuple):
     """Motion of every node in its own frame, in units of features, and what the edges passed on last."""
 
-    motion: Float[Tensor, "nodes 3"]
+    motion: Float[Tensor, "nodes freedoms"]
     effects: Float[Tensor, "edges hidden"]
 
 
 class PropagationNetwork(nn.Module):
-    """The paper's network."""
+    """The paper's network. freedoms: of every node, 3 in the plane, 6 in space."""
 
-    def __init__(self, hidden: int = 256, steps: int = 5, dropout: float = 0.1) -> None:
+    def __init__(
+        self,
+        hidden: int = 256,
+        steps: int = 5,
+        dropout: float = 0.1,
+        node_features: int = len(NODE_FEATURES),
+        edge_features: int = len(EDGE_FEATURES),
+        freedoms: int = 3,
+    ) -> None:
         super().__init__()
         self.steps = steps
-        self.object_encoder = _mlp(len(NODE_FEATURES), hidden, 2)
-        self.relation_encoder = _mlp(len(EDGE_FEATURES), hidden, 3)
+        self.object_encoder = _mlp(node_features, hidden, 2)
+        self.relation_encoder = _mlp(edge_features, hidden, 3)
         self.relation_from_objects = nn.Linear(hidden, 2 * hidden, bias=False)
         self.relation_from_relation = nn.Linear(hidden, hidden)
         self.object_propagator = nn.Linear(2 * hidden, hidden)
         self.dropout = nn.Dropout(dropout)
-        self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 3))
+        self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, freedoms))
 
-    def forward(self, graph: PropnetGraph) -> Propagated:
+    def forward(self, graph: Graph) -> Propagated:
         """Propagate through a graph, in the precision of the weights."""
         precision = self.head[0].weight.dtype
         objects = self.object_encoder(graph.nodes.to(precision))

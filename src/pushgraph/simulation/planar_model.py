@@ -21,7 +21,8 @@ from pushgraph import pose
 from pushgraph.body import ROBOT, Body, Joint
 from pushgraph.errors import SimulationError
 from pushgraph.patch import MassProperties, mass_properties, patch_of
-from pushgraph.scene import TRUSTED, Scene
+from pushgraph.scene import Scene
+from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Cuboid, Cylinder, Pose
 from pushgraph.simulation.assembly import Assembly, assemble
 from pushgraph.simulation.feet import Feet, feet_of

@@ -6,11 +6,12 @@ import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from pushgraph.dataset.ragged import RaggedFile
 from pushgraph.dataset.store import Dataset
 from pushgraph.errors import TrainingError
 from pushgraph.simulation.setups import FIRST_TEST_SEED
@@ -18,6 +19,8 @@ from pushgraph.training.loop import Schedule, Task, train
 from pushgraph.training.processes import Processes
 from pushgraph.training.recipe import Training
 from pushgraph.training.running import Progress, RunningCheckpoint
+
+Data = TypeVar("Data", bound=RaggedFile)
 
 
 def conduct(
@@ -68,9 +71,9 @@ def conduct(
     return now
 
 
-def open_dataset(path: str) -> Dataset:
+def open_dataset(path: str, kind: type[Data] = Dataset) -> Data:  # type: ignore[assignment]
     """A dataset to train on or validate with; raises TrainingError if it is for tests."""
-    data = Dataset(path)
+    data = kind(path)
     if data.recipe.seed >= FIRST_TEST_SEED:
         raise TrainingError(f"{path}: seeds from {FIRST_TEST_SEED:,} on are for tests; train on smaller ones")
     return data

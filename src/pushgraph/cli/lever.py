@@ -1,0 +1,83 @@
+"""What the commands do with scenes in space: levering a board up."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from pushgraph.cli.output import console, say_files
+from pushgraph.errors import SceneError
+
+
+def lever_scene(path: Path):
+    """The scene in a file if that holds one in space; None if it holds anything else, or cannot be read."""
+    from pushgraph.lever_scene import LeverScene
+    from pushgraph.scene_file import header, read
+
+    try:
+        text = read(path)
+        if header(text, str(path)).get("format") != LeverScene.format_name():
+            return None
+    except SceneError:
+        return None
+    return LeverScene.from_json(text, str(path))
+
+
+def predict_lever_scene(scene, model: str, out: Path, animation: str) -> None:
+    """Predict by a shipped predictor or a checkpoint, and write what `write_lever_tracks` does."""
+    from pushgraph.lever_physics import LeverPredictor
+
+    predictor = LeverPredictor.load(model)
+    with console.status("Predicting"):
+        track = predictor.predict(scene)
+    write_lever_tracks({"Predicted": track}, out, animation)
+
+
+def simulate_lever_scene(scene, out: Path, animation: str) -> None:
+    """Simulate in MuJoCo, and write what `write_lever_tracks` does."""
+    from pushgraph.simulation.lever import simulate_lever
+
+    with console.status("Simulating"):
+        track = simulate_lever(scene)
+    write_lever_tracks({"Simulated": track}, out, animation)
+
+
+def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) -> None:
+    """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
+    from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
+
+    outputs = [out / ("track.h5" if len(tracks) == 1 else f"{title.lower()}.h5") for title in tracks]
+    with console.status("Drawing"):
+        for track, path in zip(tracks.values(), outputs, strict=True):
+            track.save(path)
+        outputs.append(out / "picture.png")
+        save_lever_picture(tracks, outputs[-1])
+        if animation != "none":
+            outputs.append(out / f"animation.{animation}")
+            save_lever_animation(tracks, outputs[-1])
+    console.print(final_board_poses(tracks))
+    say_files(outputs)
+
+
+def final_board_poses(tracks: Mapping[str, object]) -> Table:
+    """Where the board ended in each track."""
+    from pushgraph import pose_3d
+    from pushgraph.lever_track import RAISED
+
+    first = next(iter(tracks.values()))
+    table = Table(title=f"The board after {first.times[-1]:.2f} s")
+    columns = ("x (m)", "y (m)", "z (m)", "moved (mm)", "turned (deg)", "rise (mm)", "overlap (mm)")
+    for name in ("", *columns):
+        table.add_column(name, justify="right" if name else "left")
+    for title, track in tracks.items():
+        start, end = track.board[0], track.board[-1]
+        turned = np.degrees(pose_3d.rotation_error(start, end))
+        moved, rise, deep = (
+            1e3 * v for v in (np.linalg.norm((end - start)[:3]), track.rise[-1], track.penetration.max())
+        )
+        table.add_row(
+            title, *(f"{v:.4f}" for v in end[:3]), f"{moved:.1f}", f"{turned:.1f}", f"{rise:.1f}", f"{deep:.2f}"
+        )
+    table.caption = f"rise: of its highest point; from {RAISED * 1e3:g} mm on it counts as raised"
+    return table
