@@ -55,7 +55,7 @@ def _show(progress, task, done: int) -> None:
 
 def _table(results, subset: str, count: int) -> Table:
     table = Table(title=f"{count} interactions, {subset} (95 % interval over drives in results.json)")
-    columns = ("final position (mm)", "final rotation (deg)", "rollout (mm)", "with a ledge", "without")
+    columns = ("position (mm)", "rotation (deg)", "rollout (mm)", "ledge (mm)", "none (mm)")
     for name in ("model", *columns):
         table.add_column(name, justify="left" if name == "model" else "right")
     values = {
@@ -69,5 +69,5 @@ def _table(results, subset: str, count: int) -> Table:
     for model in dict.fromkeys(key[0] for key in values):
         numbers = [values[model, *cell] for cell in cells]
         table.add_row(model.replace("_", " "), *("-" if v is None else f"{v:.2f}" for v in numbers))
-    table.caption = "medians; rollout: mean. The last columns: final position where a ledge stands at the side, or none"
+    table.caption = "medians at the end; rollout: mean; ledge, none: position where one stands at the side, or none"
     return table
