@@ -100,7 +100,7 @@ def test_the_plans_in_the_manual_run_as_printed(tmp_path: Path) -> None:
     first, *others = re.findall(r"```python\n(.*?)```", manual, re.S)
     assert run([sys.executable, "-c", first], tmp_path).split()[0] in TOOLS
     for code in others:
-        assert "Push(start" in run([sys.executable, "-c", code], tmp_path)
+        assert "start=(" in run([sys.executable, "-c", code], tmp_path)
     (tool,) = re.findall(r"```json\n(.*?)```", manual, re.S)
     (tmp_path / "own.json").write_text(tool)
     assert len(load_tool(tmp_path / "own.json").tool.parts) == 3

@@ -19,7 +19,8 @@ from pushgraph.body import ROBOT, Body, Joint, JointKind
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.parting import parted
 from pushgraph.recording.sightings import ReadOptions, Sightings, SightingsBuilder
-from pushgraph.scene import TRUSTED, Scene, Table
+from pushgraph.scene import Scene, Table
+from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.tool import Part, Tool
 from pushgraph.track import FRAME
