@@ -8,11 +8,11 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from pushgraph import checkpoint as module
-from pushgraph.checkpoint import Checkpoint, content_hash, load_checkpoint, save_checkpoint, shipped
+from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
 from pushgraph.errors import CheckpointError
 from pushgraph.graph import contact_graph
 from pushgraph.network.dynamics import DYNAMICS
+from pushgraph.tensor_file import content_hash
 
 CONFIG = {"hidden": 8, "steps": 2}
 
@@ -51,7 +51,7 @@ def rewrite(path: Path, edit, rehash: bool = True) -> None:
     ("edit", "rehash", "says"),
     [
         (lambda h, t: h.update(version=2), True, "version 2; this pushgraph reads 1"),
-        (lambda h, t: h.update(format="other"), True, "not a checkpoint of pushgraph"),
+        (lambda h, t: h.update(format="other"), True, "no checkpoint of pushgraph"),
         (lambda h, t: h["record"].update(samples=10**9), False, "does not match its hash"),
         (lambda h, t: next(iter(t.values())).add_(1e-3), False, "does not match its hash"),
         (
@@ -98,7 +98,7 @@ def test_missing_files_and_unknown_names_are_told_apart(tmp_path) -> None:
 def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
     made, path = saved
     before = path.read_bytes()
-    monkeypatch.setattr(module, "save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr("pushgraph.tensor_file.save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(Exception, match="No space left"):
         save_checkpoint(made, path)
     assert path.read_bytes() == before

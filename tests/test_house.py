@@ -13,6 +13,7 @@ ORDER = [
     "errors",
     "checksum",
     "storage",
+    "tensor_file",
     "stored_array",
     "isolation",
     "record",

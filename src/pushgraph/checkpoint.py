@@ -4,25 +4,20 @@ The file's metadata holds a JSON header: kind and config of the network, names o
 training, and a hash of all that and the weights. Loading checks every part and fails loudly; there is no pickle.
 """
 
-import hashlib
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
-from torch import Tensor, nn
+from torch import nn
 
 from pushgraph.errors import CheckpointError
 from pushgraph.network.belief_network import BELIEFS
 from pushgraph.network.dynamics import DYNAMICS
 from pushgraph.network.lever_dynamics import LEVERS
 from pushgraph.network.spread_network import SPREADS
-from pushgraph.storage import replacing
+from pushgraph.tensor_file import load_tensors, save_tensors
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
@@ -59,29 +54,12 @@ def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
     }
     if checkpoint.physics is not None:
         header["physics"] = checkpoint.physics
-    header["hash"] = content_hash(header, tensors)
-    with replacing(path) as temporary:
-        temporary.write_bytes(save(tensors, {"pushgraph": json.dumps(header, sort_keys=True)}))
+    save_tensors(path, header, tensors)
 
 
 def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
     """Read a checkpoint; raises CheckpointError if any part of it is not what this pushgraph understands."""
-    try:
-        with safe_open(path, "pt") as file:
-            header = json.loads((file.metadata() or {}).get("pushgraph", "{}"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (OSError, SafetensorError, ValueError) as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else f"it may be truncated: {error}"
-        raise CheckpointError(f"{path}: cannot read this checkpoint: {reason}") from None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise CheckpointError(f"{path}: not a checkpoint of pushgraph: its header must have format {FORMAT!r}")
-    if header.get("version") != VERSION:
-        raise CheckpointError(
-            f"{path}: checkpoint version {header.get('version')}; this pushgraph reads {VERSION}: train it anew"
-        )
-    digest = header.pop("hash", None)
-    if digest != content_hash(header, tensors):
-        raise CheckpointError(f"{path}: its content does not match its hash: it was changed or damaged")
+    header, tensors = load_tensors(path, "checkpoint", FORMAT, VERSION, CheckpointError, "train it anew")
     if header["kind"] not in KINDS:
         raise CheckpointError(f"{path}: no network {header['kind']!r}; valid: {', '.join(KINDS)}")
     schema = KINDS[header["kind"]].schema()
@@ -95,16 +73,8 @@ def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
         raise CheckpointError(f"{path}: its weights do not fit its config: {error}") from None
     if not all(values.isfinite().all() for values in tensors.values()):
         raise CheckpointError(f"{path}: it holds weights that are not finite")
-    return Checkpoint(header["kind"], header["config"], network.eval(), header["record"], header.get("physics"), digest)
-
-
-def content_hash(header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> str:
-    """SHA-256 of a header without its hash, and of all tensors with their names, types and shapes."""
-    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
-    for name in sorted(tensors):
-        digest.update(f"{name} {tensors[name].dtype} {list(tensors[name].shape)}".encode())
-        digest.update(tensors[name].contiguous().view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()
+    kind, config, record = (header[name] for name in ("kind", "config", "record"))
+    return Checkpoint(kind, config, network.eval(), record, header.get("physics"), header["hash"])
 
 
 def shipped(name: str) -> Path:

@@ -1,22 +1,18 @@
 """What was learnt of a robot's pushes, in one safetensors file: numbers, and a header that anyone can read."""
 
-import json
 import os
 from collections.abc import Mapping
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from pushgraph.adaptation.adapted import Adaptation, Adapted
 from pushgraph.adaptation.correction import Correction
 from pushgraph.adaptation.gaussian_process import GaussianProcess
 from pushgraph.adaptation.unknowns import Estimate
-from pushgraph.checkpoint import content_hash
 from pushgraph.errors import AdaptationError
-from pushgraph.storage import replacing
+from pushgraph.tensor_file import load_tensors, save_tensors
 
 FORMAT = "pushgraph.adaptation"
 VERSION = 1
@@ -55,9 +51,7 @@ def save_adaptation(
         )
     header = {"format": FORMAT, "version": VERSION, "physics": physics, "record": dict(record), "learnt": described}
     tensors = {name: values.contiguous().clone() for name, values in tensors.items()}
-    header["hash"] = content_hash(header, tensors)
-    with replacing(path) as temporary:
-        temporary.write_bytes(save(tensors, {"pushgraph": json.dumps(header, sort_keys=True)}))
+    save_tensors(path, header, tensors)
 
 
 def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adaptation:
@@ -89,18 +83,4 @@ def record_of(path: str | os.PathLike) -> Mapping[str, Any]:
 
 
 def _read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    try:
-        with safe_open(path, "pt") as file:
-            header = json.loads((file.metadata() or {}).get("pushgraph", "{}"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (OSError, SafetensorError, ValueError) as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else f"it may be truncated: {error}"
-        raise AdaptationError(f"{path}: cannot read this adaptation: {reason}") from None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise AdaptationError(f"{path}: not an adaptation of pushgraph: its header must have format {FORMAT!r}")
-    if header.get("version") != VERSION:
-        raise AdaptationError(f"{path}: version {header.get('version')}; this pushgraph reads {VERSION}: adapt anew")
-    digest = header.pop("hash", None)
-    if digest != content_hash(header, tensors):
-        raise AdaptationError(f"{path}: its content does not match its hash: it was changed or damaged")
-    return header, tensors
+    return load_tensors(path, "adaptation", FORMAT, VERSION, AdaptationError, "adapt anew")

@@ -21,6 +21,7 @@ from pushgraph.planning.reach import arm_reach
 from pushgraph.planning.tools import TOOLS
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm import simulate_with_arm
+from pushgraph.simulation.arm_planning import import_mink
 from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import FIRST_TEST_SEED
 from pushgraph.track import Track
@@ -67,10 +68,12 @@ def evaluate_tools(
 ) -> tuple[Results, ToolMeasures]:
     """Plan and execute `count` tasks spread over all, or all of them.
 
-    contact: the checkpoint that predicts. progress: of what, how much of how much is done.
+    contact: the checkpoint that predicts. progress: of what, how much of how much is done. Raises ArmError if the extra
+    of the arm is not installed.
     """
     if seed < FIRST_TEST_SEED:
         raise EvaluationError(f"seed {seed}: seeds below {FIRST_TEST_SEED:,} are for training and validation data")
+    import_mink()  # a plan that an arm cannot make is a failure, a missing package is none
     goals = goals_of_starts(seed, workers, functools.partial(progress, "starts"))
     tasks = [(index, goal) for index, number in enumerate(goals) for goal in range(number)]
     every = np.linspace(0, len(tasks) - 1, min(count or len(tasks), len(tasks))).round().astype(int)

@@ -38,10 +38,6 @@ class LeverDynamics(nn.Module):
             "constants": features.CONSTANTS | {"knots": KNOTS},
         }
 
-    def forward(self, state: LeverState, tool: Float[Tensor, "batch knots 7"]) -> LeverState:
-        """The state a frame later. tool: pose_world_from_tool at its start, its end, and evenly in between."""
-        raise NotImplementedError
-
     def _answer(self, graph: LeverGraph, count: int) -> Float[Tensor, "batch 6"]:
         return self.network(graph).motion[:count] * graph.touched[:, None]
 
