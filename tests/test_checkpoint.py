@@ -98,7 +98,8 @@ def test_missing_files_and_unknown_names_are_told_apart(tmp_path) -> None:
 def test_a_failed_write_leaves_the_old_file(saved, monkeypatch) -> None:
     made, path = saved
     before = path.read_bytes()
-    monkeypatch.setattr("pushgraph.tensor_file.save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr("pushgraph.tensor_file.save", lambda *_: (_ for _ in ()).throw(full))
     with pytest.raises(Exception, match="No space left"):
         save_checkpoint(made, path)
     assert path.read_bytes() == before
