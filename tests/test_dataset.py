@@ -99,6 +99,7 @@ def test_two_workers_write_the_same_bytes_as_one(small: Path, tmp_path: Path) ->
     assert [path.name for path in tmp_path.iterdir()] == ["data.h5"]
 
 
+@pytest.mark.slow
 def test_ray_writes_the_same_bytes(small: Path, tmp_path: Path) -> None:
     pytest.importorskip("ray")
     done = subprocess.run([*command(tmp_path / "data.h5"), "--engine", "ray"], capture_output=True, text=True)

@@ -89,12 +89,20 @@ def test_the_scene_in_the_manual_is_valid() -> None:
     assert scene.bodies[0].replace(shape=Polygon(**json.loads(outline))).shape.kind == "polygon"
 
 
-@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+LONG = "05_push_to_a_goal_by_gradient"
+EXAMPLES = [
+    pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem == LONG))
+    for path in sorted((ROOT / "examples").glob("*.py"))
+]
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
 def test_the_examples_run_and_are_short(example: Path, tmp_path: Path) -> None:
     assert len(example.read_text().splitlines()) < 80
     assert run([sys.executable, str(example)], tmp_path)
 
 
+@pytest.mark.slow
 def test_the_plans_in_the_manual_run_as_printed(tmp_path: Path) -> None:
     manual = (ROOT / "docs" / "planning.md").read_text()
     first, *others = re.findall(r"```python\n(.*?)```", manual, re.S)
