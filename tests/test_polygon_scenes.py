@@ -7,14 +7,15 @@ import pytest
 from scenes import body
 
 from pushgraph import pose
-from pushgraph.body import Joint
+from pushgraph.body import Body, Joint
 from pushgraph.errors import BeliefError, SceneError
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import in_parts
 from pushgraph.shape import Cuboid, Polygon
-from pushgraph.tool import Push
+from pushgraph.simulation.planar import simulate
+from pushgraph.tool import Push, Tool
 from pushgraph.viewer.picture import save_picture
 
 L = Polygon(points=((0, 0), (0.1, 0), (0.1, 0.03), (0.03, 0.03), (0.03, 0.12), (0, 0.12)))
@@ -113,3 +114,20 @@ def test_a_polygon_is_drawn(tmp_path: Path) -> None:
     track = PhysicsPredictor.load().predict(scene)
     save_picture(track, tmp_path / "hook.png")
     assert (tmp_path / "hook.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("reach", [0.005, 0.05])
+def test_an_outline_presses_where_its_support_says(reach: float) -> None:
+    corner = Polygon(
+        points=((-0.06, -0.06), (0.06, -0.06), (0.06, -0.02), (-0.02, -0.02), (-0.02, 0.06), (-0.06, 0.06))
+    )
+    points = tuple(
+        (corner.centroid[0] + x * reach, corner.centroid[1] + y * reach)
+        for x, y in ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    )
+    body = Body(name="corner", shape=corner, pose_world_from_body=(0.0, 0.0, 0.3), mass=0.8, support=points)
+    push = Push(start=(0.03, -0.15), end=(0.03, 0.05), speed=0.03)
+    scene = Scene(bodies=(body,), tool=Tool.round(0.01), pushes=(push,)).with_nominal_values()
+    predicted, true = PhysicsPredictor.load().predict(scene).poses[-1, 1], simulate(scene).poses[-1, 1]
+    np.testing.assert_allclose(predicted[:2], true[:2], atol=0.0035)
+    assert abs(predicted[2] - true[2]) < 0.02

@@ -26,7 +26,7 @@ from pushgraph.network.alike import OnceWhileAlike
 from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
-from pushgraph.scene_parts import in_parts
+from pushgraph.scene_parts import SceneInParts, in_parts
 from pushgraph.scene_range import outside
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.spread import Spread
@@ -183,8 +183,11 @@ class PhysicsPredictor:
 
         Polygons stand in it as the rigid groups of their parts: see `pushgraph.scene_parts`.
         """
-        scenes = [in_parts(scene).scene for scene in scenes]
-        batch = batch_scenes(scenes)
+        return self._start([in_parts(scene) for scene in scenes])
+
+    def _start(self, taken_apart: Sequence[SceneInParts]) -> State:
+        scenes = [apart.scene for apart in taken_apart]
+        batch = batch_scenes(scenes, [apart.patches for apart in taken_apart])
         poses = torch.zeros(*batch.mass.shape, 3, dtype=torch.float64)
         for k, scene in enumerate(scenes):
             poses[k, : len(scene.bodies)] = torch.from_numpy(scene.poses_world_from_body)
@@ -268,7 +271,7 @@ class PhysicsPredictor:
         taken_apart = [in_parts(scene) for scene in scenes]
         few = single_threaded() if len(scenes) < FEW else contextlib.nullcontext()
         with torch.no_grad(), few:
-            states = self.start([apart.scene for apart in taken_apart])
+            states = self._start(taken_apart)
             predicted = self.rollout(
                 states,
                 torch.from_numpy(tool),

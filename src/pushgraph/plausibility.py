@@ -46,12 +46,11 @@ def simplifications(scene: Scene, solved: bool = True) -> list[str]:
 
     solved: whether motions are solved from the laws of contact, as those of `contact`, or all learnt.
     """
-    supported = [b.name for b in scene.bodies if b.support is not None and (not solved or b.shape.kind == "polygon")]
-    taken = []
-    if supported:
-        taken.append(f"support of {_listed(supported)} is ignored: predicted to press on all of the outline")
+    taken: list[str] = []
     if solved:
         return taken
+    if supported := [body.name for body in scene.bodies if body.support is not None]:
+        taken.append(f"support of {_listed(supported)} is ignored: predicted to press on all of the outline")
     if still := [name for name, immovable in zip(scene.names, scene.immovable, strict=True) if immovable]:
         taken.append(f"{_listed(still)} cannot move: predicted as bodies of great mass that are held in place")
     limited = [f"pushes[{index}]" for index, push in enumerate(scene.pushes) if push.force_limit is not None]
@@ -80,9 +79,7 @@ def start_fault(
 def refusal(track: Track, deepest: float = OVERLAP) -> str | None:
     """Say why a track cannot be: the first push whose tool comes down on a body deeper than `deepest` (m), if any."""
     for frame in np.flatnonzero(track.push_start).tolist():
-        fault = start_fault(
-            track.scene, int(track.push[frame]), track.poses[frame, 0], track.poses[frame, 1:], deepest
-        )
+        fault = start_fault(track.scene, int(track.push[frame]), track.poses[frame, 0], track.poses[frame, 1:], deepest)
         if fault:
             return fault
     return None

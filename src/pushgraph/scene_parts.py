@@ -1,5 +1,7 @@
 """Scenes whose polygons are taken apart: the networks know cuboids and cylinders, and rigid groups of them."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +10,8 @@ from jaxtyping import Float, Int
 from pushgraph import pose
 from pushgraph.body import Body, Joint
 from pushgraph.parts import contacts_of_bodies, parts_of
-from pushgraph.patch import area_shares
-from pushgraph.scene import Scene
+from pushgraph.patch import BodyPatch, area_shares, patches_of_members
+from pushgraph.scene import NOMINAL_MASS, Scene
 from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Polygon
 
@@ -24,6 +26,9 @@ class SceneInParts(NamedTuple):
     first: Int[np.ndarray, " bodies"]
     """Index of the first part of each body."""
     pose_body_from_first: Float[np.ndarray, "bodies 3"]
+    patches: Mapping[int, BodyPatch] = MappingProxyType({})
+    """How the weight is spread, and where it presses, of first parts that bear that of their whole bodies: those of
+    polygons with a support."""
 
     @property
     def owner(self) -> Int[np.ndarray, " parts"]:
@@ -43,8 +48,9 @@ class SceneInParts(NamedTuple):
 def in_parts(scene: Scene) -> SceneInParts:
     """The same scene with each polygon replaced by the rigid group of its parts; as it is, if it has no polygon.
 
-    A polygon's mass is split over its parts by the area that they share. Its joints sit on the parts that are nearest
-    to each other, with anchor, axis and limits as in `Scene.joint_frame`.
+    A polygon's mass is split over its parts by the area that they share; the first bears nearly all of it, where the
+    polygon has a support. Its joints sit on the parts that are nearest to each other, with anchor, axis and limits as
+    in `Scene.joint_frame`.
     """
     count = len(scene.bodies)
     if not any(isinstance(body.shape, Polygon) for body in scene.bodies):
@@ -56,12 +62,20 @@ def in_parts(scene: Scene) -> SceneInParts:
     names = [f"{k}" for k in range(len(owner))]
     of_body = {body.name: [names[k] for k in np.flatnonzero(owner == b)] for b, body in enumerate(scene.bodies)}
     bodies: list[Body] = []
+    patches: dict[int, BodyPatch] = {}
     for body in scene.bodies:
         shapes = body.shape.parts
-        shares = area_shares(tuple(shapes)) if len(shapes) > 1 else [1.0]
+        shares = area_shares(tuple(shapes)).tolist() if len(shapes) > 1 else [1.0]
+        mass_known = body.mass is not None
+        if isinstance(body.shape, Polygon) and body.support is not None:
+            shares = [1.0, *[0.0] * (len(shapes) - 1)]
+            patches[len(bodies)] = _patch_of_first(body)
+            mass_known = True
         for part, share in zip(shapes, shares, strict=True):
             k = len(bodies)
-            mass = body.mass if body.mass is None or len(shapes) == 1 else max(body.mass * float(share), LIGHTEST)
+            mass = body.mass
+            if mass_known and share != 1:
+                mass = max((NOMINAL_MASS if mass is None else mass) * float(share), LIGHTEST)
             place = tuple(poses[k].tolist())
             bodies.append(
                 Body(
@@ -103,4 +117,11 @@ def in_parts(scene: Scene) -> SceneInParts:
     }
     # It was checked as a whole: no part overlaps what its body does not.
     taken_apart = Scene.model_validate(fields, context=TRUSTED)
-    return SceneInParts(taken_apart, first, parts.pose_body_from_part.numpy()[first])
+    return SceneInParts(taken_apart, first, parts.pose_body_from_part.numpy()[first], patches)
+
+
+def _patch_of_first(body: Body) -> BodyPatch:
+    """Of a whole polygon, in the frame of its first part."""
+    pose_first_from_body = pose.inverse(np.array(body.shape.parts[0].pose_body_from_part, dtype=float))
+    (found,) = patches_of_members([body])
+    return BodyPatch(*(patch._replace(points=pose.transform(pose_first_from_body, patch.points)) for patch in found))

@@ -1,7 +1,7 @@
 """A predictor adapted to a robot, its objects and surfaces."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from pushgraph import pose
 from pushgraph.adaptation.correction import FEWEST, MOST, Correction
 from pushgraph.adaptation.fit import Linearized, fit, linearized, residuals
 from pushgraph.adaptation.kinds import Kind, kind_of
+from pushgraph.adaptation.probe_offset import from_starts
 from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
 from pushgraph.adaptation.unknowns import COUNT, Estimate
@@ -23,11 +24,11 @@ from pushgraph.spread import Spread
 
 Material = tuple[str, str]
 """Names of a surface and a shape."""
-MOST_SHARED, MOST_OWN = 360, 240
+MOST_SHARED, MOST_OWN = 360, 150
 """Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
-CENTRE = slice(2, 4)
+CENTRE = slice(3, 5)
 """Unknowns that different shapes do not share: the centre of pressure."""
-BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 0.5, 0.5])
+BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5])
 """How far objects are from what all have in common (prior deviations)."""
 STATED = 0.68
 """Share of errors that spreads are widened to hold."""
@@ -68,18 +69,20 @@ ZERO_SHOT = Adapted(Estimate.prior())
 
 @dataclass(frozen=True, eq=False)
 class Adaptation:
-    """What was learnt of materials, of the two kinds of outlines, with corners or round, and of everything together."""
+    """What was learnt of materials, of the two kinds of outlines, with corners or round, on each surface, of surfaces,
+    and of everything together."""
 
     shared: Adapted
-    materials: Mapping[Material, Adapted]
-    kinds: Mapping[Kind, Adapted] = field(default_factory=dict)
+    materials: Mapping[Material, Adapted] = field(default_factory=dict)
+    kinds: Mapping[tuple[str, Kind], Adapted] = field(default_factory=dict)
+    surfaces: Mapping[str, Adapted] = field(default_factory=dict)
 
     def of(self, surface: str, shape: str, outline: BodyShape) -> Adapted:
         """What is known of a material; of one that was not learnt, what is of its shape on another surface, of outlines
-        of its kind, or of all."""
+        of its kind on its surface, of the surface, or of all."""
         known = self.materials.get((surface, shape))
         elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
-        others = self.kinds.get(kind_of(outline), self.shared)
+        others = self.kinds.get((surface, kind_of(outline)), self.surfaces.get(surface, self.shared))
         return known or max(elsewhere, key=lambda own: own.pushes, default=others)
 
     def apply_to(self, scene: Scene, surface: str) -> Scene:
@@ -113,7 +116,11 @@ class Adaptation:
         return Prediction(ends, Spread(*spreads))
 
 
-NOT_ADAPTED = Adaptation(ZERO_SHOT, {})
+def zero_shot(pushes: RealPushes) -> Adaptation:
+    """What is known before any outcome is seen: where pushes start tells where the probe is on each surface."""
+    surfaces = dict.fromkeys(pushes.surface.tolist())
+    starts = {name: from_starts(pushes.take(pushes.of(name)), Estimate.prior()) for name in surfaces}
+    return Adaptation(ZERO_SHOT, surfaces={name: Adapted(estimate) for name, estimate in starts.items()})
 
 
 def adapt(
@@ -121,7 +128,7 @@ def adapt(
     pushes: RealPushes,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Adaptation:
-    """Learn from recorded pushes: what all have in common, then each object on each surface by itself.
+    """Learn from recorded pushes: what outlines have in common, then each object on each surface by itself.
 
     Raises AdaptationError if there are too few pushes to learn from.
     """
@@ -130,36 +137,41 @@ def adapt(
     materials = pushes.materials
     total = len(materials) + (len(materials) > 1)
     if len(materials) == 1:
-        own = _learnt(dynamics, pushes, Estimate.prior())
+        own = _learnt(dynamics, pushes, from_starts(pushes, Estimate.prior()))
         return Adaptation(own, {materials[0]: own})
     general = adapt_to_all(dynamics, pushes)
-    prior = general.shared.estimate
     progress(1, total)
     found: dict[Material, Adapted] = {}
-    for number, names in enumerate(materials, start=2):
-        of_material = pushes.take(pushes.of(*names))
+    for number, (surface, shape) in enumerate(materials, start=2):
+        of_material = pushes.take(pushes.of(surface, shape))
         if len(of_material) >= FEWEST:
-            found[names] = _learnt(dynamics, of_material, prior)
+            prior = general.of(surface, shape, pushes.shapes[shape]).estimate
+            found[surface, shape] = _learnt(dynamics, of_material, prior)
         progress(number, total)
-    return Adaptation(general.shared, found, general.kinds)
+    return replace(general, materials=found)
 
 
 def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
-    """Learn what outlines of a kind have in common, and what all have, alone: for shapes that were not pushed."""
+    """Learn what outlines of a kind have in common on each surface, and what all have: for shapes that were not
+    pushed."""
     kinds = np.array([kind_of(pushes.shapes[name]) for name in pushes.shape.tolist()])
-    names = dict.fromkeys(kinds.tolist())
-    learnt = {
-        name: _in_common(dynamics, pushes.take(kinds == name)) for name in names if (kinds == name).sum() >= FEWEST
-    }
-    return Adaptation(_in_common(dynamics, pushes), {}, learnt)
+    found: dict[tuple[str, Kind], Adapted] = {}
+    for surface in dict.fromkeys(pushes.surface.tolist()):
+        own = pushes.of(surface)
+        prior = from_starts(pushes.take(own), Estimate.prior())
+        for kind in dict.fromkeys(kinds[own].tolist()):
+            chosen = own & (kinds == kind)
+            if chosen.sum() >= FEWEST:
+                found[surface, kind] = _in_common(dynamics, pushes.take(chosen), prior)
+    return Adaptation(_in_common(dynamics, pushes, Estimate.prior()), kinds=found, surfaces=zero_shot(pushes).surfaces)
 
 
-def _in_common(dynamics: Dynamics, pushes: RealPushes) -> Adapted:
+def _in_common(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
     """Unknowns of different shapes together; each of them may be off by BETWEEN."""
     deviations = np.ones(COUNT)
     deviations[CENTRE] = 1e-3
     some = _evenly(pushes, MOST_SHARED)
-    found = fit(dynamics, some, Estimate(np.zeros(COUNT), np.diag(deviations**2)))
+    found = fit(dynamics, some, prior._replace(covariance=prior.covariance * np.outer(deviations, deviations)))
     estimate = Estimate(found.mean, found.covariance + np.diag(BETWEEN**2))
     at = linearized(dynamics, some, estimate.mean)
     return Adapted(estimate, None, _held(some, at, estimate, None, residuals(at.motion, some)), len(pushes))

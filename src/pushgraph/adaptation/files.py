@@ -15,7 +15,7 @@ from pushgraph.errors import AdaptationError
 from pushgraph.tensor_file import load_tensors, save_tensors
 
 FORMAT = "pushgraph.adaptation"
-VERSION = 1
+VERSION = 2
 
 
 def save_adaptation(
@@ -25,8 +25,9 @@ def save_adaptation(
 
     physics: hash of the weights whose predictions it is about. record: what it was learnt from.
     """
-    everything: list[tuple[str, tuple[str | None, str] | None, Adapted]] = [("shared", None, adaptation.shared)]
-    everything += [(f"kind {k}", (None, kind), own) for k, (kind, own) in enumerate(adaptation.kinds.items())]
+    everything: list[tuple[str, tuple[str, str | None] | None, Adapted]] = [("shared", None, adaptation.shared)]
+    everything += [(f"kind {k}", name, own) for k, (name, own) in enumerate(adaptation.kinds.items())]
+    everything += [(f"surface {k}", (name, None), own) for k, (name, own) in enumerate(adaptation.surfaces.items())]
     everything += [(f"material {k}", name, own) for k, (name, own) in enumerate(adaptation.materials.items())]
     tensors: dict[str, Tensor] = {}
     described = []
@@ -60,7 +61,7 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
     header, tensors = _read(path)
     if physics is not None and header["physics"] != physics:
         raise AdaptationError(f"{path}: was learnt about other physics weights than those that predict; adapt anew")
-    found: dict[str, dict] = {"shared": {}, "kind": {}, "material": {}}
+    found: dict[str, dict] = {"shared": {}, "kind": {}, "surface": {}, "material": {}}
     for one in header["learnt"]:
         own = {name.split(".")[1]: values for name, values in tensors.items() if name.split(".")[0] == one["key"]}
         correction = None
@@ -72,9 +73,9 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
             correction = Correction(position, yaw, one["strength"])
         estimate = Estimate(own["mean"].numpy(), own["covariance"].numpy())
         what = one["key"].split()[0]
-        name = (one["surface"], one["shape"]) if what == "material" else one["shape"]
+        name = (one["surface"], one["shape"]) if one["shape"] is not None else one["surface"]
         found[what][name] = Adapted(estimate, correction, tuple(one["widening"]), one["pushes"])
-    return Adaptation(found["shared"][None], found["material"], found["kind"])
+    return Adaptation(found["shared"][None], found["material"], found["kind"], found["surface"])
 
 
 def record_of(path: str | os.PathLike) -> Mapping[str, Any]:

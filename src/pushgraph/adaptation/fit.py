@@ -20,16 +20,20 @@ DIFFERENCE = 0.3
 ITERATIONS = 5
 LONGEST = 2.0
 """An iteration changes no unknown by more (prior deviations)."""
+STEEPEST = 4.0
+"""No motion changes by more (in SCALE) with an unknown (prior deviation): where objects slip off it jumps instead."""
+SHORTEST = 0.03
+"""The last iteration changes no unknown by more."""
 
 
 class Linearized(NamedTuple):
     """Predicted motions (m, m, rad), and their derivatives with respect to the unknowns' standard scores."""
 
     motion: Float[np.ndarray, "pushes 3"]
-    slope: Float[np.ndarray, "pushes 3 6"]
+    slope: Float[np.ndarray, "pushes 3 7"]
 
 
-def linearized(dynamics: Dynamics, pushes: RealPushes, scores: Float[np.ndarray, "*pushes 6"]) -> Linearized:
+def linearized(dynamics: Dynamics, pushes: RealPushes, scores: Float[np.ndarray, "*pushes 7"]) -> Linearized:
     """Predictions and their finite differences, all in one rollout. scores: of all pushes, or a row for each."""
     count = len(pushes)
     changed = np.concatenate((np.zeros((1, COUNT)), DIFFERENCE * np.eye(COUNT)))
@@ -59,12 +63,16 @@ def fit(dynamics: Dynamics, pushes: RealPushes, prior: Estimate, iterations: int
     for _ in range(iterations):
         at = linearized(dynamics, pushes, mean)
         error, slope = residuals(at.motion, pushes) / SCALE, at.slope / SCALE[:, None]
+        slope = slope * np.minimum(1.0, STEEPEST / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9))
         weight = weights(error)
         variance = max(1.0, float(weight @ (error**2).sum(1)) / (3 * len(error)))
         curvature = information + np.einsum("n,nak,nal->kl", weight, slope, slope) / variance
         gradient = np.einsum("n,nak,na->k", weight, slope, error) / variance - information @ (mean - prior.mean)
         step = np.linalg.solve(curvature, gradient)
-        mean = mean + step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-9))
+        longest = np.abs(step).max()
+        mean = mean + step * min(1.0, LONGEST / max(longest, 1e-9))
+        if longest < SHORTEST:
+            break
     return Estimate(mean, np.linalg.inv(curvature))
 
 

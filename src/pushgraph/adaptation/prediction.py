@@ -21,7 +21,7 @@ from pushgraph.shape import BodyShape
 from pushgraph.tool import Tool
 from pushgraph.track import FRAME
 
-LONGEST_STEP = 0.005
+LONGEST_STEP = 0.0075
 """A step covers so much of the probe's way (m)."""
 PARTED = 1e-6
 """A probe that is measured to start inside the object starts so far outside of it (m)."""
@@ -89,7 +89,7 @@ def _of_one_shape(
     count = len(begin)
     scenes = one.take(torch.zeros(count, dtype=torch.long))
     scenes = scenes._replace(side_friction=torch.from_numpy(np.array(unknowns.side_friction, dtype=float)))
-    pressures = np.stack((unknowns.concentration, unknowns.centre_x, unknowns.centre_y), -1)
+    pressures = np.stack((unknowns.concentration, unknowns.corner_share, unknowns.centre_x, unknowns.centre_y), -1)
     kinds, which = np.unique(pressures, axis=0, return_inverse=True)
     scenes = _pressing(scenes, apart, shape, kinds, which.reshape(-1))
     poses = torch.zeros(*scenes.mass.shape, 3, dtype=torch.float64)
@@ -138,11 +138,12 @@ def _pressing(
     scenes: SceneBatch,
     apart: SceneInParts,
     shape: BodyShape,
-    kinds: Float[np.ndarray, "kinds 3"],
+    kinds: Float[np.ndarray, "kinds 4"],
     which: Int[np.ndarray, " pushes"],
 ) -> SceneBatch:
-    """The same bodies, pressing as `kinds` of concentration and centre say; all of it is given to their first parts."""
-    found = [feet(shape, c, (x, y)) for c, x, y in kinds.tolist()]
+    """The same bodies, pressing as `kinds` of concentration, corner share and centre say; all of it is given to their
+    first parts."""
+    found = [feet(shape, c, share, (x, y)) for c, share, x, y in kinds.tolist()]
     to_part = pose.inverse(apart.scene.poses_world_from_body[0])
     points = np.stack([pose.transform(to_part, where) for where, _ in found])[which]
     shares = np.stack([share for _, share in found])[which]

@@ -51,10 +51,10 @@ def with_unknowns(scene: Scene, estimates: Mapping[str, Estimate]) -> Scene:
     return scene.replace(bodies=bodies, side_friction=float(np.exp(np.average(frictions, weights=weights))))
 
 
-def support_of(shape: BodyShape, unknowns: Unknowns) -> tuple[Point, ...] | None:
-    """Points on which a body presses as the unknowns say; None where it presses uniformly."""
-    concentration, x, y = (float(value) for value in unknowns[1:4])
-    return None if (concentration, x, y) == NOMINAL[1:4] else support(shape, concentration, (x, y))
+def support_of(shape: BodyShape, unknowns: Unknowns) -> tuple[Point, ...]:
+    """Points on which a body presses as the unknowns say."""
+    _, concentration, corner_share, x, y, _, _ = (float(value) for value in unknowns)
+    return support(shape, concentration, corner_share, (x, y))
 
 
 def _back(scene: Scene, start: np.ndarray, end: np.ndarray) -> float:

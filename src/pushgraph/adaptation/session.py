@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from pushgraph.adaptation.adapted import NOT_ADAPTED, ZERO_SHOT, Adaptation, Adapted, Material, adapt
+from pushgraph.adaptation.adapted import Adaptation, Adapted, Material, adapt, zero_shot
 from pushgraph.adaptation.correction import FEWEST
 from pushgraph.adaptation.files import load_adaptation, record_of, save_adaptation
 from pushgraph.checksum import checksum_line
@@ -74,8 +75,9 @@ def adapt_from_files(
     validation = _validated(predictor, tried, pushes.take(left_out))
     final = adapt(predictor.dynamics, pushes, lambda done, n: progress("learnt", done, n))
     refused = {(row.surface, row.shape) for row in validation if not row.kept}
-    kept: dict[Material, Adapted] = {n: ZERO_SHOT if n in refused else own for n, own in final.materials.items()}
-    adaptation = Adaptation(final.shared, kept, final.kinds)
+    before = zero_shot(pushes).surfaces
+    kept: dict[Material, Adapted] = {n: before[n[0]] if n in refused else own for n, own in final.materials.items()}
+    adaptation = replace(final, materials=kept)
     told = [row._asdict() for row in validation]
     save_adaptation(adaptation, out, predictor.hash, {**record, "stage": "whole", "validation": told})
     partial.unlink(missing_ok=True)
@@ -83,7 +85,7 @@ def adapt_from_files(
 
 
 def _validated(predictor: PhysicsPredictor, adaptation: Adaptation, pushes: RealPushes) -> list[Validation]:
-    before = NOT_ADAPTED.predict(predictor.dynamics, pushes).ends - pushes.after
+    before = zero_shot(pushes).predict(predictor.dynamics, pushes).ends - pushes.after
     after = adaptation.predict(predictor.dynamics, pushes).ends - pushes.after
     found = []
     for surface, shape in pushes.materials:

@@ -1,58 +1,74 @@
 """What nobody told the robot about its pushes: a few numbers, each with a nominal value and how sure that is."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy import special
 
-COUNT = 6
+COUNT = 7
 
 
 class Unknowns(NamedTuple):
     """Physical unknowns of an object on a surface, and of the probe that pushes it; or as many rows of them as pushes.
 
-    side_friction: between probe and object. concentration: where the weight presses: what a uniform pressure has at a
-    share s of the way from the centre to the outline stands at s ** concentration; 1: uniform, less: farther out.
+    side_friction: between probe and object. concentration: where the weight presses that is not on corners: what a
+    uniform pressure has at a share s of the way from the centre to the outline stands at s ** concentration; 1:
+    uniform, less: farther out. corner_share: share of the weight on the corners of the outline, if it has any.
     centre_x, centre_y: of pressure, from the outline's centroid, in the body's frame (m). probe_x, probe_y: how far the
     probe is from where it is said to be, in the world (m).
     """
 
     side_friction: float | np.ndarray = 0.2
-    concentration: float | np.ndarray = 1.0
+    concentration: float | np.ndarray = 1.4
+    corner_share: float | np.ndarray = 0.35
     centre_x: float | np.ndarray = 0.0
     centre_y: float | np.ndarray = 0.0
     probe_x: float | np.ndarray = 0.0
     probe_y: float | np.ndarray = 0.0
 
     @classmethod
-    def of(cls, scores: Float[np.ndarray, "*pushes 6"]) -> "Unknowns":
+    def of(cls, scores: Float[np.ndarray, "*pushes 7"]) -> "Unknowns":
         """From standard scores: how far each is from its nominal value, over its prior deviation."""
-        bounded = np.clip(scores, -FARTHEST, FARTHEST) * DEVIATION
-        columns = zip(np.moveaxis(bounded, -1, 0), NOMINAL, LOG, strict=True)
-        return cls(*(np.exp(part) * nominal if log else nominal + part for part, nominal, log in columns))
+        away = np.moveaxis(np.clip(scores, -FARTHEST, FARTHEST) * DEVIATION, -1, 0)
+        return cls(*(scale.back(scale.of(n) + a) for scale, n, a in zip(SCALES, NOMINAL, away, strict=True)))
 
     @property
-    def scores(self) -> Float[np.ndarray, "*pushes 6"]:
+    def scores(self) -> Float[np.ndarray, "*pushes 7"]:
         """The standard scores; see `of`."""
-        values = zip(map(np.asarray, self), NOMINAL, LOG, strict=True)
-        return np.stack([np.log(v / n) if log else v - n for v, n, log in values], -1) / DEVIATION
+        values = zip(SCALES, map(np.asarray, self), NOMINAL, strict=True)
+        return np.stack([scale.of(v) - scale.of(n) for scale, v, n in values], -1) / DEVIATION
 
 
+class Scale(NamedTuple):
+    """A scale on which an unknown is Gaussian: from a value to it, back, and how fast values change along it."""
+
+    of: Callable[[Any], Any]
+    back: Callable[[Any], Any]
+    slope: Callable[[float], float]
+
+
+LINEAR = Scale(lambda value: value, lambda at: at, lambda value: 1.0)
+FACTOR = Scale(np.log, np.exp, lambda value: value)
+SHARE = Scale(special.logit, special.expit, lambda value: value * (1 - value))
+SCALES = (FACTOR, FACTOR, SHARE, LINEAR, LINEAR, LINEAR, LINEAR)
 NOMINAL = Unknowns()
-LOG = (True, True, False, False, False, False)
-"""Whether an unknown is a factor: then its deviation is that of its logarithm."""
-DEVIATION = np.array([0.3, 0.7, 3e-3, 3e-3, 1e-3, 1e-3])
-"""Of the priors: nobody who puts a probe to a part on a table knows these better without measuring them."""
+DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3])
+"""Of the priors, each on its scale: nobody who puts a probe to a part on a table knows these better without measuring
+them."""
 FARTHEST = 4.0
 """No unknown is farther from its nominal value (prior deviations)."""
-UNITS = ("", "", "mm", "mm", "mm", "mm")
+UNITS = ("", "", "", "mm", "mm", "mm", "mm")
+PROBE = slice(5, 7)
+"""The unknowns of the probe, among all."""
 
 
 class Estimate(NamedTuple):
     """Standard scores of the unknowns, Gaussian: mean and covariance."""
 
-    mean: Float[np.ndarray, "6"]
-    covariance: Float[np.ndarray, "6 6"]
+    mean: Float[np.ndarray, "7"]
+    covariance: Float[np.ndarray, "7 7"]
 
     @classmethod
     def prior(cls) -> "Estimate":
@@ -68,8 +84,8 @@ class Estimate(NamedTuple):
     def deviations(self) -> Unknowns:
         """Standard deviation of each, in its own unit."""
         share = np.sqrt(np.diag(self.covariance)) * DEVIATION
-        values = zip(self.unknowns, share, LOG, strict=True)
-        return Unknowns(*(float(v * s) if log else float(s) for v, s, log in values))
+        values = zip(SCALES, self.unknowns, share, strict=True)
+        return Unknowns(*(float(scale.slope(v) * s) for scale, v, s in values))
 
     def lines(self) -> list[str]:
         """In words: `side friction 0.17 +- 0.02` and so on."""

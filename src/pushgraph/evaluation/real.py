@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from pushgraph.adaptation.adapted import NOT_ADAPTED, Adaptation, Prediction
+from pushgraph.adaptation.adapted import Adaptation, Prediction, zero_shot
 from pushgraph.adaptation.scenes import scene_of
 from pushgraph.dataset.engines import run_in_processes
 from pushgraph.evaluation.repeatability import repeatability, repeated
@@ -101,7 +101,7 @@ def evaluate_real(
     measures.add("mujoco", simulated_ends(scenes, workers, lambda done, n: progress("simulated", done, n)), chosen)
     dynamics = PhysicsPredictor.load(contact).dynamics
     progress("predicted", 0, len(pushes))
-    measures.measured.append(measured("zero_shot", NOT_ADAPTED.predict(dynamics, pushes), pushes, everything))
+    measures.measured.append(measured("zero_shot", zero_shot(pushes).predict(dynamics, pushes), pushes, everything))
     if adaptation is not None:
         measures.measured.append(measured("adapted", adaptation.predict(dynamics, pushes), pushes, everything))
     progress("predicted", len(pushes), len(pushes))

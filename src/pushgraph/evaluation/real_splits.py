@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushgraph.adaptation.adapted import NOT_ADAPTED, Adaptation, adapt, adapt_to_all
+from pushgraph.adaptation.adapted import Adaptation, adapt, adapt_to_all, zero_shot
 from pushgraph.dataset.engines import run_in_processes
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.gaussian_baselines import gaussian_ends
@@ -109,7 +109,7 @@ def _measure(job: Job) -> None:
     held_out, size = pushes.take(asked), _size(job)
     learnt = _adapted(job, dynamics)
     some = [
-        measured("zero_shot", NOT_ADAPTED.predict(dynamics, held_out), pushes, asked),
+        measured("zero_shot", zero_shot(held_out).predict(dynamics, held_out), pushes, asked),
         measured("adapted", learnt.predict(dynamics, held_out), pushes, asked),
     ]
     some += [Measured(model, errors_of(ends[asked], held_out.after), asked) for model, ends in pushes.stated.items()]

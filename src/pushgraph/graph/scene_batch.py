@@ -1,7 +1,7 @@
 """Many scenes as tensors: what does not change while they are pushed."""
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -118,8 +118,11 @@ def pair_index(a: Index, b: Index, bodies: int) -> Index:
     return a * bodies - a * (a + 1) // 2 + b - a - 1
 
 
-def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
-    """Stack scenes; bodies stand in their scene's order. There is room for two at least, so that there is a pair."""
+def batch_scenes(scenes: Sequence[Scene], patches: Sequence[Mapping[int, BodyPatch]] = ()) -> SceneBatch:
+    """Stack scenes; bodies stand in their scene's order. There is room for two at least, so that there is a pair.
+
+    patches: of each scene, how its bodies, by index, spread their weight and press, where their shapes do not tell.
+    """
     count, bodies = len(scenes), max(2, *(len(scene.bodies) for scene in scenes))
     parts = max(len(scene.tool.parts) for scene in scenes)
     columns = {
@@ -160,7 +163,7 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
     boxes = RoundedBox(core[..., :2], core[..., 2])
     feet = feet_of_shapes(boxes, tensors["is_cylinder"])
     gyration = boxes.radius.square() / 2 + boxes.half_extents.square().sum(-1) / 3
-    feet, centre_of_mass, gyration = _with_patches(scenes, feet, gyration)
+    feet, centre_of_mass, gyration = _with_patches(scenes, feet, gyration, patches)
     return SceneBatch(
         boxes=boxes,
         feet=feet,
@@ -178,10 +181,13 @@ def batch_scenes(scenes: Sequence[Scene]) -> SceneBatch:
 
 
 def _with_patches(
-    scenes: Sequence[Scene], feet: BodyFeet, gyration: Float[Tensor, "batch bodies"]
+    scenes: Sequence[Scene],
+    feet: BodyFeet,
+    gyration: Float[Tensor, "batch bodies"],
+    given: Sequence[Mapping[int, BodyPatch]],
 ) -> tuple[BodyFeet, Float[Tensor, "batch bodies 2"], Float[Tensor, "batch bodies"]]:
-    """Feet, centres of mass and moments: those given and the origins, but of bodies with a support, or that overlap in
-    a rigid group, those of their own patches."""
+    """Feet, centres of mass and moments: those of shapes and the origins, but of bodies with a support, that overlap in
+    a rigid group, or whose patches are given, those of their own patches."""
     centre_of_mass = torch.zeros(*gyration.shape, 2)
     special: list[tuple[int, int, BodyPatch]] = []
     for k, scene in enumerate(scenes):
@@ -193,6 +199,7 @@ def _with_patches(
             members = [scene.bodies[i] for i in piece]
             if any(body.support is not None for body in members) or overlap_in_piece(members):
                 special += [(k, i, patch) for i, patch in zip(piece, patches_of_members(members), strict=True)]
+    special += [(k, i, patch) for k, of_bodies in enumerate(given) for i, patch in of_bodies.items()]
     if not special:
         return feet, centre_of_mass, gyration
     found = [feet_of(patch.pressure) for _, _, patch in special]
