@@ -37,6 +37,10 @@ class ViewerError(PushGraphError):
     """A picture or an animation cannot be made."""
 
 
+class NetworkError(PushGraphError):
+    """There is no such network, or it does not keep its contract."""
+
+
 class CheckpointError(PushGraphError):
     """A checkpoint cannot be read, or is not what it says it is."""
 

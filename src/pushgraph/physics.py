@@ -23,7 +23,8 @@ from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
 from pushgraph.graph.track_features import default_doubt, doubt_of
 from pushgraph.network.alike import OnceWhileAlike
-from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
+from pushgraph.network.contract import Dynamics
+from pushgraph.network.dynamics import DYNAMICS, ContactDynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import in_parts

@@ -92,8 +92,8 @@ class Scene(SceneFile):
     Raises SceneError, naming the body and the field, if anything does not fit.
     """
 
-    format: Literal["pushgraph.scene"] = FORMAT
-    version: Literal[1] = VERSION
+    format: Literal["pushgraph.scene"] = "pushgraph.scene"
+    version: Literal[1] = 1
     bodies: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]
     joints: tuple[Joint, ...] = ()
     rigid_groups: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()

@@ -53,7 +53,8 @@ def generate(
     if (count is None) == (drives is None) or (drives is not None and setup != LEVER_UP):
         raise typer.BadParameter(f"give --count, or for {LEVER_UP} --drives", param_hint="--count")
     levers = setup == LEVER_UP
-    objects, count = (1 if levers else objects), (len(SIDES) * drives if count is None else count)
+    objects = 1 if levers else objects
+    count = len(SIDES) * (drives or 0) if count is None else count
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task(setup, total=count)
         try:

@@ -1,7 +1,7 @@
 """The command plan."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -9,6 +9,12 @@ from rich.progress import Progress
 
 from pushgraph.cli.output import BAR, check_choice, console
 from pushgraph.cli.scenes import check_animation_option, final_poses, load_scene, warn
+
+if TYPE_CHECKING:
+    from pushgraph.planning.goal import Goal
+    from pushgraph.planning.plan import Plan
+    from pushgraph.scene import Scene
+    from pushgraph.track import Track
 
 RISKS = ("predicted", "expected", "percentile")
 
@@ -119,7 +125,7 @@ def plan(
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
-def _executed(scene, robot: str | None, out: Path, outputs: list[Path]):
+def _executed(scene: "Scene", robot: str | None, out: Path, outputs: list[Path]) -> "Track":
     """The plan simulated, with the tool moved by itself, or held by the arm."""
     from pushgraph.simulation.planar import simulate
 
@@ -134,7 +140,7 @@ def _executed(scene, robot: str | None, out: Path, outputs: list[Path]):
     return execution.track
 
 
-def _said(planned) -> str:
+def _said(planned: "Plan") -> str:
     """The tool, and each push in a line."""
     lines = [f"Tool: {planned.tool}"]
     for number, push in enumerate(planned.pushes, start=1):
@@ -144,7 +150,7 @@ def _said(planned) -> str:
     return "\n".join(lines)
 
 
-def _distance(goal, track) -> str:
+def _distance(goal: "Goal", track: "Track") -> str:
     """How far the body ends from its goal."""
     error, turn = goal.error(track.poses[-1, 1 + track.scene.names.index(goal.body)])
     turned = "" if goal.yaw is None else f" and {np.degrees(turn):.1f} degrees"

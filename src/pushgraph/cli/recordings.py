@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Group
@@ -14,6 +14,11 @@ from pushgraph.cli.output import check_choice, console
 from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import TrackError
 from pushgraph.storage import replacing
+
+if TYPE_CHECKING:
+    from pushgraph.recording.sightings import Declared
+    from pushgraph.recording.summary import NodeSummary
+    from pushgraph.regulator import BeliefRegulator
 
 FRAMES_PER_REFRESH = 10
 """Of the live table."""
@@ -107,7 +112,7 @@ def observe(
     sensor = seen.wrench is not None
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
-        def show(frame: int, regulator) -> None:
+        def show(frame: int, regulator: "BeliefRegulator") -> None:
             if frame % FRAMES_PER_REFRESH == 0:
                 after = f"after {regulator.frames} frames"
                 tables = [joints_table(f"Likeliest joints {after}", regulator.pairs, regulator.probabilities)]
@@ -219,7 +224,7 @@ def _pairs(names: Sequence[str] | None) -> dict[str, str]:
     return pairs
 
 
-def _declared(units: str | None, axes: str | None, frame: str | None):
+def _declared(units: str | None, axes: str | None, frame: str | None) -> "Declared":
     from pushgraph.recording.convention import declared_units
     from pushgraph.recording.sightings import Declared
 
@@ -232,7 +237,7 @@ def _print_findings(findings: Iterable[object]) -> None:
         console.print(f"Note: {finding}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _summary_table(file: Path, summaries) -> Table:
+def _summary_table(file: Path, summaries: Iterable["NodeSummary"]) -> Table:
     table = Table(title=f"Seen in {file.name}")
     for column in ("name", "sightings", "lost", "Hz", "from (s)", "to (s)", "gaps", "longest", "jumps"):
         table.add_column(column, justify="left" if column == "name" else "right")

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -13,6 +13,13 @@ from pushgraph.cli.beliefs import joints_table, masses_table
 from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
 from pushgraph.cli.output import check_choice, console, say_files
 from pushgraph.errors import SceneError
+
+if TYPE_CHECKING:
+    from pushgraph.physics import PhysicsPredictor
+    from pushgraph.regulator import BeliefRegulator
+    from pushgraph.scene import Scene
+    from pushgraph.track import Track
+    from pushgraph.viewer.beliefs import Moment
 
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
 SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
@@ -59,7 +66,9 @@ def demo(
     say_files(outputs)
 
 
-def _predicted_while_watching(regulator, predictor, track) -> dict:
+def _predicted_while_watching(
+    regulator: "BeliefRegulator", predictor: "PhysicsPredictor", track: "Track"
+) -> dict[str, "Moment"]:
     """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
     from pushgraph.belief_history import joined_as
     from pushgraph.mass_history import with_masses
@@ -229,7 +238,7 @@ def _simulate_with_arm(source: str, out: Path, animation: str, render: Path | No
     _write_track(execution.track, out, animation, outputs)
 
 
-def _with_nominal_values(source: str):
+def _with_nominal_values(source: str) -> "Scene":
     from pushgraph.plausibility import assumptions
 
     scene = load_scene(source)
@@ -252,7 +261,7 @@ def warn(sentences: list[str]) -> None:
         console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ()) -> None:
+def _write_track(track: "Track", out: Path, animation: str, written: Sequence[Path] = ()) -> None:
     """Write a track and what shows it; `written`: what has been already."""
     from pushgraph.plausibility import remarks
     from pushgraph.viewer.animation import save_animation
@@ -277,7 +286,7 @@ def scene_path(source: str) -> Path:
     return shipped if shipped in SHIPPED_SCENES.glob("*.json") and not Path(source).is_file() else Path(source)
 
 
-def load_scene(source: str):
+def load_scene(source: str) -> "Scene":
     """The scene in a file, or a shipped one by name."""
     from pushgraph.scene import Scene
 
@@ -290,7 +299,7 @@ def load_scene(source: str):
         raise
 
 
-def final_poses(track) -> Table:
+def final_poses(track: "Track") -> Table:
     """Where everything ended, and how far off that may be, if the track states it."""
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
@@ -309,7 +318,7 @@ def final_poses(track) -> Table:
     return table
 
 
-def _stated_at_the_end(track) -> list[list[str]]:
+def _stated_at_the_end(track: "Track") -> list[list[str]]:
     """For every body the longer half-axis of its 68 % ellipse and half its 68 % interval; nothing if none is stated."""
     if track.spread is None:
         return [[] for _ in track.scene.bodies]
@@ -319,7 +328,7 @@ def _stated_at_the_end(track) -> list[list[str]]:
     return [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
 
 
-def _differences(predicted, simulated) -> Table:
+def _differences(predicted: "Track", simulated: "Track") -> Table:
     table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
     for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)", *SPREAD_COLUMNS):
         table.add_column(name, justify="left" if name == "body" else "right")

@@ -2,14 +2,21 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from pushgraph.cli.output import console
+
+if TYPE_CHECKING:
+    from pushgraph.training import running
+    from pushgraph.training.recipe import Training
+
+AnyTraining = TypeVar("AnyTraining", bound="Training")
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
@@ -253,7 +260,15 @@ _SPREAD_COLUMNS = {
 """What a validation tells, by the names of its columns; belief's errors are shares of touched pairs."""
 
 
-def _conduct(training, train, processes: int, device: str, cache: Path | None, out: Path, columns) -> None:
+def _conduct(
+    training: AnyTraining,
+    train: "Callable[[AnyTraining, Path, Path, str, Callable[[running.Progress, float], None]], running.Progress | None]",
+    processes: int,
+    device: str,
+    cache: Path | None,
+    out: Path,
+    columns: dict[str, str],
+) -> None:
     from pushgraph.storage import cache_folder
     from pushgraph.training.processes import become_torchrun, started_by_torchrun
     from pushgraph.viewer.curve import save_curve
@@ -275,7 +290,7 @@ def _conduct(training, train, processes: int, device: str, cache: Path | None, o
 class _TrainingReporter:
     """Shows how a training goes: a bar with the time left, a line a validation, at the end curve and table."""
 
-    def __init__(self, training, columns: dict[str, str]) -> None:
+    def __init__(self, training: "Training", columns: dict[str, str]) -> None:
         self._training, self._columns = training, columns
         self._leads = os.environ.get("RANK", "0") == "0"
         self.progress = Progress(
@@ -290,9 +305,9 @@ class _TrainingReporter:
             disable=not self._leads,
         )
         self._bar = self.progress.add_task(f"{training.TASK}, {training.model}", total=training.steps, loss="")
-        self._told = None
+        self._told: int | None = None
 
-    def tell(self, now, loss: float) -> None:
+    def tell(self, now: "running.Progress", loss: float) -> None:
         if not self._leads:
             return
         if self._told is None:
@@ -311,7 +326,7 @@ class _TrainingReporter:
                 soft_wrap=True,
             )
 
-    def table(self, now) -> Table:
+    def table(self, now: "running.Progress") -> Table:
         table = Table(title="Validation")
         for name in ("step", "time (s)", "loss", *self._columns):
             table.add_column(name, justify="right")

@@ -13,7 +13,7 @@ from pushgraph.dataset.engines import run_in_processes
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.gaussian_baselines import gaussian_ends
 from pushgraph.evaluation.real import Measured, errors_of, measured
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.real_pushes import RealPushes
 from pushgraph.storage import replacing

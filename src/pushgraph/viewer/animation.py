@@ -60,7 +60,7 @@ def save_animation(track: Track | Mapping[str, Track], path: str | os.PathLike) 
 def opened_writer(figure: Figure, path: str | os.PathLike, stride: int) -> Iterator[AbstractMovieWriter]:
     """What grabs the figure, once every `stride` frames of a track, into an animation that ends up at `path`."""
     writer_class = PillowWriter if Path(path).suffix.lower() == ".gif" else FFMpegWriter
-    writer = writer_class(fps=1 / (FRAME * stride))
+    writer = writer_class(fps=1 / (FRAME * stride))  # type: ignore[arg-type]  # any rate serves, whole or not
     try:
         with replacing(path) as temporary, writer.saving(figure, str(temporary), DPI):
             yield writer

@@ -81,7 +81,7 @@ def _prepare(axes: Axes3D, scene: Scene, arm: Arm) -> None:
 
 def _solids(
     scene: Scene, poses: Float[np.ndarray, "nodes 3"], lift: float
-) -> tuple[list[np.ndarray], list[tuple[float, ...]]]:
+) -> tuple[list[np.ndarray], list[tuple[float, float, float]]]:
     """Triangles of the bodies and of the tool's parts, and a colour for each."""
     triangles, colours = [], []
     for index, (body, place) in enumerate(zip(scene.bodies, np.nan_to_num(poses[1:]), strict=True)):

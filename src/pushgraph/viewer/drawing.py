@@ -1,11 +1,13 @@
 """Draw scenes from above with matplotlib: the parts that pictures and animations share."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.patches import Polygon as Outline
@@ -17,10 +19,10 @@ from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.track import Track
 
-PALETTE = matplotlib.colormaps["tab10"].colors
+PALETTE = [to_rgb(matplotlib.colormaps["tab10"](k)) for k in range(10)]
 TOOL_COLOUR = "#333333"
 SPREAD_COLOUR = "#c02080"
-JOINT_MARKS = {
+JOINT_MARKS: dict[str, dict[str, Any]] = {
     "fixed": {"marker": "s", "color": "black"},
     "revolute": {"marker": "o", "color": "white"},
     "prismatic": {"marker": "D", "color": "gold"},
@@ -71,7 +73,7 @@ class MovableArtist:
 class _BodyArtist:
     """The outline of a body, a line that shows how it is turned, and its name."""
 
-    def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: object) -> None:
+    def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: Any) -> None:
         heading = Line2D([0, max(0.0, _front(shape))], [0, 0], color="black", lw=0.8, alpha=0.5)
         self._parts = [MovableArtist(axes, outline(shape, **style)), MovableArtist(axes, heading)]
         self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
@@ -102,9 +104,9 @@ def _front(shape: Cylinder | Cuboid | Polygon) -> float:
     return max(x for x, _ in shape.points) if isinstance(shape, Polygon) else shape.core[0] + shape.core[2]
 
 
-def outline(shape: Cylinder | Cuboid | Polygon, **style: object) -> Patch:
+def outline(shape: Cylinder | Cuboid | Polygon, **style: Any) -> Patch:
     """The shape seen from above, at the origin of its own frame."""
-    style = {"ec": "black", "lw": 0.8} | style
+    style = {"ec": "black", "lw": 0.8, **style}
     if isinstance(shape, Polygon):
         return Outline(shape.points, **style)
     half_x, half_y, radius = shape.core

@@ -85,7 +85,8 @@ def _draw_pushes(axes: Axes, track: Track) -> None:
         axes.plot(*points[:-1].T, color=TOOL_COLOUR, lw=1.5, zorder=6)
         arrow = {"arrowstyle": "-|>", "color": TOOL_COLOUR, "lw": 1.5}
         axes.annotate("", points[-1], points[-2], arrowprops=arrow, zorder=6)
-        axes.text(*start, f" {number}", color="white", fontsize=8, weight="bold", ha="center", va="center", zorder=7)
+        style = {"color": "white", "fontsize": 8, "weight": "bold", "ha": "center", "va": "center", "zorder": 7}
+        axes.text(start[0], start[1], f" {number}", **style)
         axes.plot(*start, "o", ms=10, color=TOOL_COLOUR, zorder=6)
 
 
