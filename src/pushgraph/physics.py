@@ -328,6 +328,9 @@ class PhysicsPredictor:
         )
 
 
+load = PhysicsPredictor.load
+
+
 def _force_limits(pushes: Sequence[Push], under_way: Int[np.ndarray, " frames"]) -> Float[np.ndarray, " frames"]:
     """Of the push that is under way in each frame (N)."""
     limits = [np.inf if push.force_limit is None else push.force_limit for push in pushes]

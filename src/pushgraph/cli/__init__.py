@@ -1,6 +1,7 @@
 """The command `pushgraph`."""
 
 import sys
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -21,10 +22,10 @@ from pushgraph.cli import (
     scenes,
     training,
 )
+from pushgraph.cli.output import console
 from pushgraph.errors import PushGraphError
 
 app = typer.Typer(
-    help="See what a push will do: scenes of pushed objects, simulated, predicted and learned from.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
@@ -47,6 +48,23 @@ for suites in (evaluating_lever, evaluating_masses, evaluating_plans, evaluating
     for name, measure in suites.COMMANDS.items():
         evaluating.app.command(name)(measure)
 app.add_typer(evaluating.app, name="evaluate")
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from pushgraph import __version__
+
+        console.print(f"pushgraph {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def pushgraph(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """See what a push will do: scenes of pushed objects, simulated, predicted and learned from."""
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -10,6 +10,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from pushgraph.cli.choices import BeliefSetup
 from pushgraph.cli.output import BAR, console
 
 if TYPE_CHECKING:
@@ -73,8 +74,8 @@ def belief(
     belief: Annotated[str, typer.Option(help="Checkpoint to measure as belief.")] = "belief",
     paper_recipe: Annotated[str, typer.Option(help="Checkpoint to measure as paper_recipe.")] = "paper_recipe",
     setup: Annotated[
-        str, typer.Option(help="multiple-parts, or jointed: half with joints anywhere.")
-    ] = "multiple-parts",
+        BeliefSetup, typer.Option(help="jointed: half with joints anywhere.")
+    ] = BeliefSetup.MULTIPLE_PARTS,
     workers: Workers = CORES,
 ) -> None:
     """Watch test scenes with `belief` and `paper_recipe`, and score what they say is joined, beside perfect inference.
@@ -91,7 +92,8 @@ def belief(
     from pushgraph.evaluation.figures import save_belief_curves, save_reliability
 
     models = {"belief": belief, "paper_recipe": paper_recipe}
-    results, scenes = measure(partial(evaluate_belief, setup=setup), numbers_of(objects), count, seed, models, workers)
+    suite = partial(evaluate_belief, setup=setup.value)
+    results, scenes = measure(suite, numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_belief_curves(results.rows, out / "curves.png")
     save_reliability(scenes, tuple(models), out / "reliability.png")

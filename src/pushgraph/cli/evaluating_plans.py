@@ -8,8 +8,10 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from pushgraph.cli import choices
+from pushgraph.cli.choices import one_of
 from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, measure, numbers_of, say_written
-from pushgraph.cli.output import BAR, check_choice, console
+from pushgraph.cli.output import BAR, console
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.results import Results
@@ -62,6 +64,7 @@ def clutter(
         typer.Option(
             help="belief, belief_expected, belief_percentile_90, no_joint, true_joints or mujoco; again.",
             show_default="all",
+            **one_of(choices.contenders),
         ),
     ] = None,
     workers: Workers = CORES,
@@ -82,8 +85,6 @@ def clutter(
     from pushgraph.evaluation.clutter import CONTENDERS, evaluate_clutter
 
     contenders = tuple(dict.fromkeys(contender or CONTENDERS))
-    for name in contenders:
-        check_choice("contender", name, tuple(CONTENDERS))
     suite = partial(evaluate_clutter, contenders=contenders)
     models = {"contact": contact, "belief": belief}
     results, _ = measure(suite, numbers_of(objects), count, seed, models, workers)

@@ -1,5 +1,6 @@
 """The command plan."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,7 +8,8 @@ import numpy as np
 import typer
 from rich.progress import Progress
 
-from pushgraph.cli.output import BAR, check_choice, console
+from pushgraph.cli.choices import Animation, Arm, PlanningDynamics, Risk
+from pushgraph.cli.output import BAR, console
 from pushgraph.cli.scenes import check_animation_option, final_poses, load_scene, warn
 
 if TYPE_CHECKING:
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from pushgraph.scene import Scene
     from pushgraph.track import Track
 
-RISKS = ("predicted", "expected", "percentile")
 
 
 def plan(
@@ -34,17 +35,17 @@ def plan(
         tuple[float, float], typer.Option(help="With --tools: where the end-effector comes down.")
     ] = (0.0, 0.0),
     pushes: Annotated[int, typer.Option(min=1, max=4, help="At most.")] = 3,
-    dynamics: Annotated[str, typer.Option(help="learned, or mujoco.")] = "learned",
-    risk: Annotated[str, typer.Option(help="What of the cost is made least: predicted, expected, percentile.")] = (
-        "predicted"
-    ),
+    dynamics: Annotated[
+        PlanningDynamics, typer.Option(help="What plans are tried on.")
+    ] = PlanningDynamics.LEARNED,
+    risk: Annotated[Risk, typer.Option(help="What of the cost is made least.")] = Risk.PREDICTED,
     robot: Annotated[
-        str | None, typer.Option(help="ur10: only what the scene's arm reaches.", show_default="none")
+        Arm | None, typer.Option(help="ur10: only what the scene's arm reaches.", show_default="none")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn, without --tools.")] = 0,
     execute: Annotated[bool, typer.Option("--execute", help="Simulate the plan, too.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("plan"),
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Choose the pushes that bring a body where it shall be, and the tool; say where it is expected to end, how surely.
 
@@ -61,10 +62,11 @@ def plan(
     """
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.planning import planner
+    from pushgraph.planning.costs import Cost
     from pushgraph.planning.dynamics import learned, simulated
     from pushgraph.planning.goal import Goal
     from pushgraph.planning.reach import arm_reach
-    from pushgraph.planning.risk import as_predicted, expected, percentile
+    from pushgraph.planning.risk import Score, as_predicted, expected, percentile
     from pushgraph.planning.sampling import Sampling
     from pushgraph.planning.sequences import sequences
     from pushgraph.planning.tools import load_tools
@@ -72,10 +74,6 @@ def plan(
     from pushgraph.viewer.animation import save_animation
     from pushgraph.viewer.plan import save_plan
 
-    check_choice("dynamics", dynamics, ("learned", "mujoco"))
-    check_choice("risk", risk, RISKS)
-    if robot is not None:
-        check_choice("robot", robot, ("ur10",))
     check_animation_option(animation)
     given = load_scene(scene).replace(pushes=())
     body, x, y = goal
@@ -85,6 +83,11 @@ def plan(
     chosen = load_tools("all" if tools == ["all"] else tools) if tools else []
     warn([said for said in assumptions(given) if "no pushes" not in said])
     predictor = PhysicsPredictor.load()
+    risks: dict[Risk, Callable[[Cost], Score]] = {
+        Risk.PREDICTED: as_predicted,
+        Risk.EXPECTED: expected,
+        Risk.PERCENTILE: percentile,
+    }
     known = given.with_nominal_values()
     with Progress(*BAR, console=console) as progress:
         bar = progress.add_task("planning", total=None)
@@ -96,7 +99,7 @@ def plan(
             sequences(start, pushes=pushes) if chosen else (),
             np.random.default_rng(seed),
             Sampling(pushes=pushes),
-            dict(zip(RISKS, (as_predicted, expected, percentile), strict=True))[risk],
+            risks[risk],
             arm_reach if robot else None,
             lambda done, total: progress.update(bar, completed=done, total=total),
         )

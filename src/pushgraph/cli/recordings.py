@@ -10,7 +10,8 @@ from rich.live import Live
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table, places_table
-from pushgraph.cli.output import check_choice, console
+from pushgraph.cli.choices import KnownMasses, KnownRelations, Up
+from pushgraph.cli.output import console
 from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import TrackError
 from pushgraph.storage import replacing
@@ -33,7 +34,7 @@ _Axes = Annotated[
     str | None, typer.Option(help="The file's axes that are the world's x and y: x,-y or -y,x; mirrored, swapped.")
 ]
 _Frame = Annotated[str | None, typer.Option(help="'x y yaw' of the file's origin in the world, in its own units.")]
-_Up = Annotated[str | None, typer.Option(help="Axis of spatial poses that points off the table: x, y or z.")]
+_Up = Annotated[Up | None, typer.Option(help="Axis of spatial poses that points off the table.")]
 _Lag = Annotated[
     float | None, typer.Option(help="Seconds by which the robot's clock is behind.", show_default="estimated")
 ]
@@ -46,11 +47,11 @@ def observe(
     track: Annotated[Path, typer.Argument(help="What was seen: CSV, HDF5, Motive, ROS bag, MCAP, LeRobot parquet.")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("observed"),
     relations: Annotated[
-        str, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
-    ] = "none",
+        KnownRelations, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
+    ] = KnownRelations.NONE,
     masses: Annotated[
-        str, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
-    ] = "given",
+        KnownMasses, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
+    ] = KnownMasses.GIVEN,
     prior: Annotated[
         str | None,
         typer.Option(
@@ -95,8 +96,6 @@ def observe(
     from pushgraph.recording.sightings import ReadOptions
     from pushgraph.viewer.beliefs import save_beliefs
 
-    check_choice("relations", relations, ("none", "given"))
-    check_choice("masses", masses, ("given", "unknown"))
     loaded = load_scene(scene)
     recording = read_recording(
         track,

@@ -10,8 +10,9 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table
+from pushgraph.cli.choices import Animation, Masses, Relations, Robot
 from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
-from pushgraph.cli.output import check_choice, console, say_files
+from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
 
 if TYPE_CHECKING:
@@ -90,11 +91,11 @@ def predict(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     relations: Annotated[
-        str, typer.Option(help="given; none: as if nothing were joined; believed: those of --beliefs.")
-    ] = "given",
+        Relations, typer.Option(help="none: as if nothing were joined; believed: those of --beliefs.")
+    ] = Relations.GIVEN,
     masses: Annotated[
-        str, typer.Option(help="given; mean: as if no mass were known; believed: the medians of --beliefs.")
-    ] = "given",
+        Masses, typer.Option(help="mean: as if no mass were known; believed: the medians of --beliefs.")
+    ] = Masses.GIVEN,
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
     model: Annotated[
         str | None,
@@ -107,7 +108,7 @@ def predict(
         Path | None, typer.Option(help="What pushgraph adapt wrote: of bodies that bear the names of its shapes.")
     ] = None,
     surface: Annotated[str, typer.Option(help="With --adaptation: the table's, as named there.")] = "",
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
 
@@ -127,8 +128,6 @@ def predict(
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.plausibility import assumptions, simplifications
 
-    check_choice("relations", relations, ("given", "none", "believed"))
-    check_choice("masses", masses, ("given", "mean", "believed"))
     for option, value in (("relations", relations), ("masses", masses)):
         if value == "believed" and beliefs is None:
             raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
@@ -172,12 +171,12 @@ def simulate(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     robot: Annotated[
-        str, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
-    ] = "kinematic",
+        Robot, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
+    ] = Robot.KINEMATIC,
     render: Annotated[
         Path | None, typer.Option(help="Also show the arm at work: a .gif, or an .mp4 (needs ffmpeg).")
     ] = None,
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
 
@@ -195,7 +194,6 @@ def simulate(
     `pushgraph simulate lever-up`
     """
     check_animation_option(animation)
-    check_choice("robot", robot, ("kinematic", "ur10"))
     if render is not None and robot != "ur10":
         raise typer.BadParameter("needs --robot ur10", param_hint="--render")
     folder = out or Path(Path(scene).stem)
@@ -250,7 +248,6 @@ def check_animation_option(animation: str) -> None:
     """Refuse an animation that cannot be made, before anything else is done."""
     from pushgraph.viewer.animation import check_animation
 
-    check_choice("animation", animation, ("gif", "mp4", "none"))
     if animation != "none":
         check_animation(f"animation.{animation}")
 

@@ -32,13 +32,19 @@ def register_network(name: str, network: type[Schema], task: Task = "physics") -
     network: an `nn.Module` that keeps the contract of its task (`pushgraph.network.contract`). Processes that are
     started have to import the module that calls this, too. Raises NetworkError if the name is taken, or it is none.
     """
-    if task not in _OF_TASK:
-        raise NetworkError(f"no task {task!r}; valid: {', '.join(_OF_TASK)}")
+    networks_of(task)
     if NETWORKS.get(name, network) is not network:
         raise NetworkError(f"{name!r}: there is a network of this name already, {NETWORKS[name].__qualname__}")
     if not (isinstance(network, type) and issubclass(network, nn.Module)):
         raise NetworkError(f"{name!r}: must be a class derived from torch.nn.Module, got {network!r}")
     _OF_TASK[task][name] = network
+
+
+def networks_of(task: str) -> Mapping[str, type[Schema]]:
+    """The networks of a task, by name; raises NetworkError if there is no such task."""
+    if task not in _OF_TASK:
+        raise NetworkError(f"no task {task!r}; valid: {', '.join(_OF_TASK)}")
+    return _OF_TASK[task]
 
 
 def build_network(name: str, config: Mapping[str, Any]) -> nn.Module:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -85,8 +86,8 @@ def _draw_pushes(axes: Axes, track: Track) -> None:
         axes.plot(*points[:-1].T, color=TOOL_COLOUR, lw=1.5, zorder=6)
         arrow = {"arrowstyle": "-|>", "color": TOOL_COLOUR, "lw": 1.5}
         axes.annotate("", points[-1], points[-2], arrowprops=arrow, zorder=6)
-        style = {"color": "white", "fontsize": 8, "weight": "bold", "ha": "center", "va": "center", "zorder": 7}
-        axes.text(start[0], start[1], f" {number}", **style)
+        style: dict[str, Any] = {"color": "white", "fontsize": 8, "weight": "bold", "zorder": 7}
+        axes.text(start[0], start[1], f" {number}", ha="center", va="center", **style)
         axes.plot(*start, "o", ms=10, color=TOOL_COLOUR, zorder=6)
 
 
