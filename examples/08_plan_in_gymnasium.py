@@ -6,7 +6,7 @@ python examples/08_plan_in_gymnasium.py
 import gymnasium
 import numpy as np
 
-import pushgraph.environment  # noqa: F401, registers the environment
+from pushgraph.environment.push_env import PushEnv  # importing it registers the environment
 
 TRIED = 256
 

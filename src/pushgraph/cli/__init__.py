@@ -1,5 +1,6 @@
 """The command `pushgraph`."""
 
+import importlib.metadata
 import sys
 from typing import Annotated
 
@@ -52,14 +53,12 @@ app.add_typer(evaluating.app, name="evaluate")
 
 def _say_version(wanted: bool) -> None:
     if wanted:
-        from pushgraph import __version__
-
-        console.print(f"pushgraph {__version__}", highlight=False)
+        console.print(f"pushgraph {importlib.metadata.version('pushgraph')}", highlight=False)
         raise typer.Exit
 
 
 @app.callback()
-def pushgraph(
+def common(
     version: Annotated[
         bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
     ] = False,

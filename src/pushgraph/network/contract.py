@@ -45,6 +45,7 @@ class Dynamics(Protocol):
         """What a step does."""
 
 
+@runtime_checkable
 class Schema(Protocol):
     """What every checkpoint holds of its network."""
 
@@ -54,6 +55,7 @@ class Schema(Protocol):
         schema is another is refused."""
 
 
+@runtime_checkable
 class PhysicsNetwork(Dynamics, Schema, Protocol):
     """What `pushgraph train physics` trains: dynamics, and what their training has to know.
 
@@ -69,8 +71,12 @@ class PhysicsNetwork(Dynamics, Schema, Protocol):
         """The unit in which training counts errors (m), given the lengths of steps (m)."""
 
 
-class Foreseeing(Dynamics, Protocol):
+@runtime_checkable
+class Foreseeing(Protocol):
     """Physics that beliefs can stand on."""
+
+    def __call__(self, state: State, control: Control, /) -> Advance:
+        """What a step does."""
 
     def foresee(self, state: State, control: Control, /) -> Foresight:
         """Predict, and tell what was in mind."""
