@@ -53,12 +53,15 @@ from pushgraph.simulation.lever import simulate_lever as simulate_lever
 from pushgraph.simulation.planar import PlanarSimulation as PlanarSimulation
 from pushgraph.simulation.planar import simulate as simulate
 from pushgraph.simulation.setups import draw_trajectory as draw_trajectory
+from pushgraph.simulation.setups import register_setup as register_setup
 from pushgraph.spread import Spread as Spread
 from pushgraph.svg import outline_from_svg as outline_from_svg
 from pushgraph.tool import Part as Part
 from pushgraph.tool import Push as Push
 from pushgraph.tool import Tool as Tool
 from pushgraph.track import Track as Track
+from pushgraph.training.physics import PhysicsTraining as PhysicsTraining
+from pushgraph.training.physics import train_physics as train_physics
 from pushgraph.viewer.animation import save_animation as save_animation
 from pushgraph.viewer.picture import save_comparison as save_comparison
 from pushgraph.viewer.picture import save_picture as save_picture

@@ -51,7 +51,7 @@ for suites in (evaluating_lever, evaluating_masses, evaluating_plans, evaluating
 app.add_typer(evaluating.app, name="evaluate")
 
 
-def _say_version(wanted: bool) -> None:
+def _say_version(wanted: bool | None) -> None:
     if wanted:
         console.print(f"pushgraph {importlib.metadata.version('pushgraph')}", highlight=False)
         raise typer.Exit
@@ -60,8 +60,8 @@ def _say_version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
+        bool | None, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = None,
 ) -> None:
     """See what a push will do: scenes of pushed objects, simulated, predicted and learned from."""
 

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import progress
@@ -17,8 +17,6 @@ from pushgraph.cli.output import console
 if TYPE_CHECKING:
     from pushgraph.training.recipe import Training
     from pushgraph.training.running import Progress
-
-AnyTraining = TypeVar("AnyTraining", bound="Training")
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
@@ -269,8 +267,8 @@ _SPREAD_COLUMNS = {
 
 
 def _conduct(
-    training: AnyTraining,
-    train: "Callable[[AnyTraining, Path, Path, str, Callable[[Progress, float], None]], Progress | None]",
+    training: "Training",
+    train: "Callable[[Any, Path, Path, str, Callable[[Progress, float], None]], Progress | None]",
     processes: int,
     device: str,
     cache: Path | None,

@@ -38,10 +38,11 @@ def evaluate_physics(
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    setup: str = SETUP,
 ) -> tuple[Results, list[SceneErrors]]:
     """Measure predictors on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress)
-    results = Results("physics", {"setup": SETUP, "count": count, "seed": seed}, ("objects", "frames", "density"))
+    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress, setup)
+    results = Results("physics", {"setup": setup, "count": count, "seed": seed}, ("objects", "frames", "density"))
     for number in objects:
         for frames in HORIZONS:
             for density in DENSITIES:
