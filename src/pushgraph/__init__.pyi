@@ -33,6 +33,7 @@ from pushgraph.planning.planner import plan as plan
 from pushgraph.planning.sampling import Sampling as Sampling
 from pushgraph.plausibility import assumptions as assumptions
 from pushgraph.plausibility import remarks as remarks
+from pushgraph.push_batch import PushPredictions as PushPredictions
 from pushgraph.recording.recording import Recording as Recording
 from pushgraph.recording.recording import read_recording as read_recording
 from pushgraph.recording.sightings import Declared as Declared

@@ -77,5 +77,9 @@ class AdaptationError(PushGraphError):
     """Nothing can be learnt from these pushes, or an adaptation cannot be read."""
 
 
+class AssumptionWarning(UserWarning):
+    """Something is predicted as if masses or frictions that a scene does not say were nominal."""
+
+
 class RangeWarning(UserWarning):
     """A scene is unlike those that a predictor was checked on."""

@@ -50,7 +50,8 @@ def networks_of(task: str) -> Mapping[str, type[Schema]]:
 def build_network(name: str, config: Mapping[str, Any]) -> nn.Module:
     """The network of this name with first weights; raises NetworkError if it does not keep its contract."""
     if name not in NETWORKS:
-        raise NetworkError(f"no network {name!r}; valid: {', '.join(NETWORKS)}; import what registers your own")
+        valid = ", ".join(one for networks in _OF_TASK.values() for one in networks)
+        raise NetworkError(f"no network {name!r}; valid: {valid}; import what registers your own")
     try:
         network = cast(Any, NETWORKS[name])(**config)
     except TypeError as error:
