@@ -17,6 +17,7 @@ ORDER = [
     "stored_array",
     "array_input",
     "isolation",
+    "notebook",
     "record",
     "mass_prior",
     "pose",

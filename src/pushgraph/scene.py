@@ -18,6 +18,7 @@ from pushgraph.arm import Arm
 from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, signed_gap
 from pushgraph.mass_prior import MASS_CLASSES, MassClass, check_classes
+from pushgraph.notebook import png_of
 from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.record import Record
 from pushgraph.scene_file import SceneFile, is_trusted
@@ -119,6 +120,9 @@ class Scene(SceneFile):
             self._check_places()
             check_classes(self.classes_of_mass)
         return self
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
 
     @property
     def classes_of_mass(self) -> tuple[MassClass, ...]:

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ from rich.markup import escape
 
 from pushgraph.cli import (
     adapting,
+    comparing,
     data,
     evaluating,
     evaluating_lever,
@@ -24,7 +26,7 @@ from pushgraph.cli import (
     training,
 )
 from pushgraph.cli.output import console
-from pushgraph.errors import PushGraphError
+from pushgraph.errors import AssumptionWarning, PushGraphError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,7 +34,8 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 for command in (
-    scenes.demo,
+    comparing.demo,
+    comparing.compare,
     scenes.predict,
     recordings.observe,
     recordings.track,
@@ -68,8 +71,11 @@ def common(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; our errors become a message and exit status 1."""
+    # What is assumed is printed by the commands.
     try:
-        app(arguments)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AssumptionWarning)
+            app(arguments)
     except PushGraphError as error:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False)
         sys.exit(1)

@@ -48,6 +48,19 @@ def simulate_lever_scene(scene: "LeverScene", out: Path, animation: str) -> None
     write_lever_tracks({"Simulated": track}, out, animation)
 
 
+def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: str) -> None:
+    """Predict and simulate, and write what `write_lever_tracks` does of both."""
+    from pushgraph.lever_physics import LeverPredictor
+    from pushgraph.simulation.lever import simulate_lever
+
+    predictor = LeverPredictor.load(model)
+    with console.status("Predicting"):
+        predicted = predictor.predict(scene)
+    with console.status("Simulating"):
+        simulated = simulate_lever(scene)
+    write_lever_tracks({"Predicted": predicted, "Simulated": simulated}, out, animation)
+
+
 def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: str) -> None:
     """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture

@@ -1,4 +1,4 @@
-"""The commands about one scene: demo, predict, simulate."""
+"""The commands about one scene: predict, simulate."""
 
 from collections.abc import Sequence
 from importlib.resources import files
@@ -9,82 +9,18 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from pushgraph.cli.beliefs import joints_table, masses_table
 from pushgraph.cli.choices import Animation, Masses, Relations, Robot
 from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
 from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
 
 if TYPE_CHECKING:
-    from pushgraph.physics import PhysicsPredictor
-    from pushgraph.regulator import BeliefRegulator
     from pushgraph.scene import Scene
     from pushgraph.track import Track
-    from pushgraph.viewer.beliefs import Moment
 
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
 SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
-
-
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
-) -> None:
-    """Predict the shipped scene, simulate the same, and compare; then watch it, and predict what is believed.
-
-    Writes tables, pictures and an animation.
-
-    Example: `pushgraph demo --out demo`
-    """
-    from pushgraph.physics import PhysicsPredictor
-    from pushgraph.regulator import BeliefRegulator
-    from pushgraph.simulation.planar import simulate
-    from pushgraph.viewer.animation import save_animation
-    from pushgraph.viewer.beliefs import save_believed_predictions
-    from pushgraph.viewer.picture import save_comparison
-
-    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
-    with console.status("Predicting"):
-        predicted = predictor.predict(scene, spread=True)
-    with console.status("Simulating"):
-        simulated = simulate(scene)
-    with console.status("Watching"):
-        regulator = BeliefRegulator(scene, weigh=True)
-        believed = _predicted_while_watching(regulator, predictor, simulated)
-    tracks = {"Predicted": predicted, "Simulated": simulated}
-    outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png", out / "animation.gif"]
-    outputs.append(out / "beliefs.png")
-    with console.status("Drawing"):
-        for track, path in zip(tracks.values(), outputs, strict=False):
-            track.save(path)
-        save_comparison(tracks, outputs[2])
-        save_animation(tracks, outputs[3])
-        save_believed_predictions(simulated, believed, regulator.pairs, outputs[4])
-    console.print(_differences(predicted, simulated))
-    after = f"after {regulator.frames} frames"
-    console.print(joints_table(f"Believed {after}", regulator.pairs, regulator.probabilities))
-    console.print(masses_table(f"Masses believed {after}", regulator.masses(), scene, sensor=False))
-    say_files(outputs)
-
-
-def _predicted_while_watching(
-    regulator: "BeliefRegulator", predictor: "PhysicsPredictor", track: "Track"
-) -> dict[str, "Moment"]:
-    """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
-    from pushgraph.belief_history import joined_as
-    from pushgraph.mass_history import with_masses
-    from pushgraph.viewer.beliefs import Moment
-
-    frames = len(track.times)
-    moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
-    found = {}
-    for frame, (poses, down) in enumerate(track.frames()):
-        probabilities = regulator.observe(poses, down)
-        if frame in moments:
-            masses = regulator.masses()
-            scene = with_masses(joined_as(regulator.scene(), track.scene), masses)
-            found[moments[frame]] = Moment(predictor.predict_many([scene])[0], probabilities, masses)
-    return found
 
 
 def predict(
@@ -300,7 +236,7 @@ def final_poses(track: "Track") -> Table:
     """Where everything ended, and how far off that may be, if the track states it."""
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
-    stated = _stated_at_the_end(track)
+    stated = stated_at_the_end(track)
     if track.spread is not None:
         columns += SPREAD_COLUMNS
         table.caption = SPREAD_CAPTION
@@ -315,7 +251,7 @@ def final_poses(track: "Track") -> Table:
     return table
 
 
-def _stated_at_the_end(track: "Track") -> list[list[str]]:
+def stated_at_the_end(track: "Track") -> list[list[str]]:
     """For every body the longer half-axis of its 68 % ellipse and half its 68 % interval; nothing if none is stated."""
     if track.spread is None:
         return [[] for _ in track.scene.bodies]
@@ -323,17 +259,3 @@ def _stated_at_the_end(track: "Track") -> list[list[str]]:
     ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
     longest = 100 * np.maximum(ellipse.along, ellipse.across)
     return [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
-
-
-def _differences(predicted: "Track", simulated: "Track") -> Table:
-    table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
-    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)", *SPREAD_COLUMNS):
-        table.add_column(name, justify="left" if name == "body" else "right")
-    change = simulated.poses[-1] - simulated.poses[0]
-    off, stated = predicted.poses[-1] - simulated.poses[-1], _stated_at_the_end(predicted)
-    for node, name in enumerate(simulated.nodes[1:], start=1):
-        lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
-        angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
-        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1], *stated[node - 1])
-    table.caption = SPREAD_CAPTION
-    return table

@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.patches import Polygon as Outline
+from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Affine2D
 
 from pushgraph import pose
@@ -39,6 +40,8 @@ class SceneArtist:
             _BodyArtist(axes, body.shape, body.name, fc=(*colours[group_of.get(body.name, body.name)], 0.6))
             for body in scene.bodies
         ]
+        self.names = [body.label for body in self._bodies]
+        """The names of the bodies, as they stand on the axes; see `pushgraph.viewer.names`."""
         self._joints = [_JointArtist(axes, scene, joint) for joint in scene.joints]
         self._tool = [
             (np.array(part.pose_tool_from_part), MovableArtist(axes, outline(part.shape, fc=TOOL_COLOUR)))
@@ -71,18 +74,20 @@ class MovableArtist:
 
 
 class _BodyArtist:
-    """The outline of a body, a line that shows how it is turned, and its name."""
+    """The outline of a body, a tick at its front that shows how it is turned, and its name."""
 
     def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: Any) -> None:
-        heading = Line2D([0, max(0.0, _front(shape))], [0, 0], color="black", lw=0.8, alpha=0.5)
+        front = max(0.0, _front(shape))
+        heading = Line2D([0.7 * front, front], [0, 0], color="black", lw=1.2, alpha=0.6)
         self._parts = [MovableArtist(axes, outline(shape, **style)), MovableArtist(axes, heading)]
-        self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
+        self.label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True, zorder=10)
+        self.label.set_path_effects([withStroke(linewidth=2.0, foreground="white", alpha=0.8)])
 
     def move(self, pose_world_from_body: Float[np.ndarray, "3"]) -> None:
         for part in self._parts:
             part.move(pose_world_from_body)
-        self._label.set_visible(bool(np.isfinite(pose_world_from_body[:2]).all()))
-        self._label.set_position(np.nan_to_num(pose_world_from_body[:2]))
+        self.label.set_visible(bool(np.isfinite(pose_world_from_body[:2]).all()))
+        self.label.set_position(np.nan_to_num(pose_world_from_body[:2]))
 
 
 class _JointArtist:
@@ -137,13 +142,27 @@ def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, f
     """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for track in tracks:
-        radii = [
-            track.scene.tool.reach,
-            *(body.shape.reach for body in track.scene.bodies),
-        ]
+        radii = _reaches(track.scene)
         positions = track.poses[..., :2]
-        low = np.minimum(low, np.nanmin(positions - np.array(radii)[:, None], axis=(0, 1)))
-        high = np.maximum(high, np.nanmax(positions + np.array(radii)[:, None], axis=(0, 1)))
+        low = np.minimum(low, np.nanmin(positions - radii[:, None], axis=(0, 1)))
+        high = np.maximum(high, np.nanmax(positions + radii[:, None], axis=(0, 1)))
+    return _square(low, high, margin)
+
+
+def limits_of(
+    scene: Scene, poses: Float[np.ndarray, "places 3"], margin: float = 0.06
+) -> tuple[float, float, float, float]:
+    """The same of a scene. poses: of its bodies, then of the tool at any number of places."""
+    tool, *bodies = _reaches(scene)
+    radii = np.array([*bodies, *[tool] * (len(poses) - len(bodies))])[:, None]
+    return _square(np.nanmin(poses[:, :2] - radii, 0), np.nanmax(poses[:, :2] + radii, 0), margin)
+
+
+def _reaches(scene: Scene) -> Float[np.ndarray, " nodes"]:
+    return np.array([scene.tool.reach, *(body.shape.reach for body in scene.bodies)])
+
+
+def _square(low: np.ndarray, high: np.ndarray, margin: float) -> tuple[float, float, float, float]:
     centre, half = (low + high) / 2, (high - low).max() / 2 + margin
     return centre[0] - half, centre[0] + half, centre[1] - half, centre[1] + half
 
