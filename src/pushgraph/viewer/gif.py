@@ -22,7 +22,7 @@ class GifWriter(AbstractMovieWriter):
         super().__init__(fps)
         self._moving, self._images = moving, list[Image.Image]()
 
-    def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
+    def setup(self, fig: Figure, outfile: str | Path, dpi: int | float | None = None) -> None:
         """Begin; see AbstractMovieWriter."""
         super().setup(fig, outfile, dpi)
         self._canvas = fig.canvas if isinstance(fig.canvas, FigureCanvasAgg) else FigureCanvasAgg(fig)
