@@ -138,6 +138,17 @@ def draw_spread(axes: Axes, track: Track) -> None:
             axes.add_patch(Ellipse((x, y), 2 * along, 2 * across, angle=np.degrees(direction), **style))
 
 
+def joint_marks(scenes: Sequence[Scene]) -> list[Line2D]:
+    """What a legend shows of the joints of scenes."""
+    kinds = sorted({joint.kind for scene in scenes for joint in scene.joints})
+    return [Line2D([], [], ls="", mec="black", label=f"{kind} joint", **JOINT_MARKS[kind]) for kind in kinds]
+
+
+def outline_mark(title: str) -> Line2D:
+    """What a legend shows of the outlines of the track with this title."""
+    return Line2D([], [], color="black", ls="--", lw=1.2, label=f"outlines as {title.lower()}")
+
+
 def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, float, float, float]:
     """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)

@@ -16,14 +16,15 @@ from pushgraph.scene import Scene
 from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.viewer.drawing import (
-    JOINT_MARKS,
     PALETTE,
     SPREAD_COLOUR,
     TOOL_COLOUR,
     SceneArtist,
     draw_outlines,
     draw_spread,
+    joint_marks,
     limits_of,
+    outline_mark,
     prepare,
     view_limits,
 )
@@ -48,7 +49,7 @@ def save_comparison(tracks: Mapping[str, Track], path: str | os.PathLike) -> Non
     and 95 %, as far as a track states that.
     """
     figure = Figure(figsize=(5.5 * (1 + len(tracks)), 6), layout="constrained")
-    draw_ends(figure, tracks)
+    place_names(figure, draw_ends(figure, tracks))
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=100)
 
@@ -78,34 +79,38 @@ def draw_scene(scene: Scene) -> Figure:
 def draw_track(track: Track) -> Figure:
     """The scene and the planned pushes on the left, where everything ended on the right."""
     figure = Figure(figsize=(11, 6), layout="constrained")
-    draw_ends(figure, {"": track})
+    place_names(figure, draw_ends(figure, {"": track}))
     return figure
 
 
-def draw_ends(figure: Figure, tracks: Mapping[str, Track], marks: Sequence[Line2D] = ()) -> list[Axes]:
-    """Draw what `save_comparison` writes; returns the panels. marks: what the legend shall explain beside its own."""
+def draw_ends(
+    figure: Figure, tracks: Mapping[str, Track], marks: Sequence[Line2D] = ()
+) -> list[tuple[Axes, list[Text]]]:
+    """Draw what `save_comparison` writes; returns the panels, each with its names, which are still to be placed.
+
+    marks: what the legend shall explain beside its own.
+    """
     before, *after = figure.subplots(1, 1 + len(tracks))
     limits = view_limits(list(tracks.values()))
     title, first = next(iter(tracks.items()))
     prepare(before, limits, "Start, and the planned pushes")
-    names = [(before, _draw_start(before, first.scene, first.poses[0]))]
+    panels = [(before, _draw_start(before, first.scene, first.poses[0]))]
     for axes, (of, track) in zip(after, tracks.items(), strict=True):
         heading = f"{of}, after" if of else "After"
         prepare(axes, limits, f"{heading} {track.times[-1] - track.times[0]:.1f} s")
         _draw_paths(axes, track)
         artist = SceneArtist(axes, track.scene)
         artist.move(track.poses[-1], down=True)
-        names.append((axes, artist.names))
+        panels.append((axes, artist.names))
         draw_spread(axes, track)
         if track is not first:
             draw_outlines(axes, first)
     extra = [PATH_MARK, TOOL_PATH_MARK]
     if len(tracks) > 1:
-        extra.append(Line2D([], [], color="black", ls="--", lw=1.2, label=f"outlines as {title.lower()}"))
+        extra.append(outline_mark(title))
     spread = any(track.spread is not None for track in tracks.values())
     _add_legend(figure, [track.scene for track in tracks.values()], spread, [*extra, *marks])
-    place_names(figure, names)
-    return [before, *after]
+    return panels
 
 
 def _draw_start(axes: Axes, scene: Scene, poses: Float[np.ndarray, "nodes 3"]) -> list[Text]:
@@ -118,10 +123,7 @@ def _draw_start(axes: Axes, scene: Scene, poses: Float[np.ndarray, "nodes 3"]) -
 
 def _add_legend(figure: Figure, scenes: Sequence[Scene], spread: bool, marks: Sequence[Line2D] = ()) -> None:
     """What lines and marks mean, below the panels."""
-    handles = [PUSH_MARK] * any(scene.pushes for scene in scenes)
-    kinds = sorted({joint.kind for scene in scenes for joint in scene.joints})
-    handles += [Line2D([], [], ls="", mec="black", label=f"{kind} joint", **JOINT_MARKS[kind]) for kind in kinds]
-    handles += marks
+    handles = [*[PUSH_MARK] * any(scene.pushes for scene in scenes), *joint_marks(scenes), *marks]
     if spread:
         handles.append(Line2D([], [], color=SPREAD_COLOUR, lw=1, label="true centres, with 68 and 95 %"))
     columns = max(1, int(figure.get_figwidth() / 2.4))
