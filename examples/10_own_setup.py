@@ -39,13 +39,13 @@ def dominoes(rng: np.random.Generator, objects: int, index: int) -> Plan:
 pg.register_setup("dominoes", dominoes)
 
 
-def main(count: int = 32, samples: int = 8_000, scenes: int = 8) -> None:
+def main(count: int = 32, samples: int = 4_000, scenes: int = 8) -> None:
     """Train the contact network on dominoes, and measure it beside the shipped one, which has seen none."""
-    data = pg.generate("dominoes", objects=5, count=count, seed=0, out="train.h5")
-    validation = pg.generate("dominoes", objects=5, count=4, seed=900_000, out="validation.h5")
+    data = pg.generate("dominoes", objects=5, count=count, seed=0, out="dominoes.h5")
+    validation = pg.generate("dominoes", objects=5, count=4, seed=900_000, out="dominoes-validation.h5")
     training = pg.PhysicsTraining("contact", str(data), str(validation), samples, hidden=16, batch=32)
-    pg.train_physics(training, cache=Path("cache"), out=Path("own.safetensors"))
-    models = {"own": "own.safetensors", "contact": "contact"}
+    pg.train_physics(training, cache=Path("cache"), out=Path("dominoes.safetensors"))
+    models = {"own": "dominoes.safetensors", "contact": "contact"}
     results, _ = evaluate_physics([5], scenes, 1_000_000, models, setup="dominoes")
     for row in results.rows:
         if (row["metric"], row["frames"], row["density"]) == ("mean_error_cm", 50, "all"):

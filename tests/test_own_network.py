@@ -59,10 +59,10 @@ def test_an_own_setup_is_generated_trained_on_and_measured_in(tmp_path: Path, mo
     example("own_setup").main(count=2, samples=64, scenes=1)
     printed = capsys.readouterr().out
     assert [line.split(":")[0] for line in printed.splitlines()] == ["still", "own", "contact", "noise_floor"]
-    with pg.Dataset("train.h5") as dataset:
+    with pg.Dataset("dominoes.h5") as dataset:
         assert dataset.recipe.setup == "dominoes"
         assert {body.name for body in dataset[0].scene.bodies} == {f"plate{k}" for k in range(5)}
-    assert pg.load("own.safetensors").record["data"]["setup"] == "dominoes"
+    assert pg.load("dominoes.safetensors").record["data"]["setup"] == "dominoes"
 
 
 class Lacking(nn.Module):
