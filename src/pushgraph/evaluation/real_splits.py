@@ -121,7 +121,7 @@ def _measure(job: Job) -> None:
     columns = {f"{one.model}.errors": one.errors for one in some}
     columns |= {f"{one.model}.held": one.held for one in some if one.held is not None}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]
+        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]  # names of columns are no settings
 
 
 def _adapted(job: Job, dynamics: Dynamics) -> Adaptation:
