@@ -36,6 +36,7 @@ test-all: install lint
 
 lint: install
 	$(BIN)/ruff check .
+	$(BIN)/mypy
 
 schema: install
 	$(BIN)/python -c 'import json; from pushgraph import Scene; print(json.dumps(Scene.model_json_schema(), indent=2))' \

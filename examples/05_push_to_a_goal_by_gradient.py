@@ -33,6 +33,7 @@ def main() -> None:
         return torch.stack((x, y, torch.zeros_like(x)), -1)
 
     optimizer = torch.optim.Adam([push], lr=0.03)
+    distance = torch.full((GUESSES,), torch.inf)
     for _ in range(STEPS):
         poses = predictor.rollout(states, tool_poses(), down).poses
         distance = (poses[:, -1, 0, :2] - GOAL).norm(dim=-1)

@@ -22,6 +22,7 @@ def main() -> None:
         tool=pg.Tool.round(0.05),
     )
     seen = pg.simulate(truth)
+    assert seen.wrench is not None
     rng = np.random.default_rng(0)
     sensed = dataclasses.replace(seen, wrench=seen.wrench + rng.normal(size=seen.wrench.shape) * [0.3, 0.3, 0.01])
     camera = dataclasses.replace(seen, wrench=None)

@@ -6,7 +6,7 @@ python examples/08_plan_in_gymnasium.py
 import gymnasium
 import numpy as np
 
-import pushgraph.environment  # noqa: F401, registers the environment
+from pushgraph.environment.push_env import PushEnv  # importing it registers the environment
 
 TRIED = 256
 
@@ -29,6 +29,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     table = gymnasium.make("pushgraph/Push-v0", dynamics="mujoco", objects=6)
     seen, info = table.reset(seed=3)
+    assert isinstance(table.unwrapped, PushEnv)
     scene, goal = table.unwrapped.scene, table.unwrapped.goal
     model = gymnasium.make_vec("pushgraph/Push-v0", num_envs=TRIED, scenes=scene, goal=goal)
     print(f"{goal.body} shall go {100 * info['distance']:.1f} cm, to {np.round(goal.position, 2).tolist()}")
@@ -39,7 +40,7 @@ def main() -> None:
         _, rewards, *_ = model.step(pushes)
         seen, reward, terminated, truncated, info = table.step(pushes[rewards.argmax()])
         over = terminated or truncated
-        expected, came, left = (100 * length for length in (rewards.max(), reward, info["distance"]))
+        expected, came, left = (100 * length for length in (rewards.max(), float(reward), info["distance"]))
         print(f"expected {expected:.1f} cm nearer, came {came:.1f}; left {left:.1f}")
     print("there" if info["success"] else "not there")
 

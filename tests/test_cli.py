@@ -9,11 +9,16 @@ import pytest
 from PIL import Image
 from scenes import body, workshop
 
+import pushgraph
 from pushgraph.cli import main
+from pushgraph.cli.choices import contenders, networks, one_of
+from pushgraph.cli.choices import engines as choices_of_engines
+from pushgraph.cli.choices import setups as choices_of_setups
 from pushgraph.errors import ViewerError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene, Table
 from pushgraph.simulation.planar import simulate
+from pushgraph.simulation.setups import SETUPS
 from pushgraph.tool import Push
 from pushgraph.track import Track
 from pushgraph.viewer.animation import save_animation
@@ -152,8 +157,8 @@ def test_odd_names_of_files_are_no_tracebacks(name: str, tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert run("simulate", name) == 1
     assert name[:4] in capsys.readouterr().err
-    assert run("generate", name, "--count", "1", "--out", "x.h5") == 1
-    assert f"no setup {name!r}" in capsys.readouterr().err
+    assert run("generate", name, "--count", "1", "--out", "x.h5") == 2
+    assert "is not one of 'multiple-parts', 'jointed'" in " ".join(capsys.readouterr().err.replace("│", " ").split())
     if len(name) < 10 and "\0" not in name:
         assert run("simulate", "demo", "--animation", "none", "--out", name) == 0
         assert name in capsys.readouterr().out
@@ -174,6 +179,12 @@ def test_a_folder_and_a_binary_file_are_no_scenes(tmp_path: Path, capsys) -> Non
         ("generate", "multiple-parts", "--count", "0", "--out", "x.h5"),
         ("generate", "multiple-parts", "--count", "1", "--objects", "-1", "--out", "x.h5"),
         ("fly",),
+        ("predict", "demo", "--relations", "some"),
+        ("plan", "demo", "--goal", "box", "0", "0", "--risk", "none"),
+        ("observe", "demo", "track.csv", "--masses", "mean"),
+        ("generate", "multiple-parts", "--count", "1", "--engine", "spark", "--out", "x.h5"),
+        ("train", "physics", "--model", "belief", "--data", "x", "--validation", "y", "--out", "z"),
+        ("evaluate", "clutter", "--contender", "nobody"),
     ],
 )
 def test_wrong_usage_is_refused(arguments: tuple[str, ...], tmp_path: Path, monkeypatch) -> None:
@@ -190,3 +201,25 @@ def test_animations_are_gif_or_mp4(tmp_path: Path, monkeypatch) -> None:
     with pytest.raises(ViewerError, match="needs the program ffmpeg"):
         save_animation(track, tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_version_is_said(capsys) -> None:
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"pushgraph {pushgraph.__version__}\n"
+
+
+def test_choices_are_completed_and_those_of_registries_are_all_in_the_help(capsys, monkeypatch) -> None:
+    for choices, command in (
+        (choices_of_setups(), "generate"),
+        (choices_of_engines(), "generate"),
+        (networks("physics")(), "train physics"),
+        (networks("belief")(), "train belief"),
+        (networks("lever-up")(), "train lever-up"),
+        (contenders(), "evaluate clutter"),
+    ):
+        assert run(*command.split(), "--help") == 0
+        words = capsys.readouterr().out
+        assert all(name in words for name in choices), command
+    assert one_of(choices_of_setups)["autocompletion"]("planar") == ["planar", "planar-mixed"]
+    monkeypatch.setitem(SETUPS, "plates", SETUPS["planar"])
+    assert one_of(choices_of_setups)["autocompletion"]("plat") == ["plates"]

@@ -15,7 +15,9 @@ ORDER = [
     "storage",
     "tensor_file",
     "stored_array",
+    "array_input",
     "isolation",
+    "notebook",
     "record",
     "mass_prior",
     "pose",
@@ -56,6 +58,7 @@ ORDER = [
     "network",
     "checkpoint",
     "spread_model",
+    "push_batch",
     "physics",
     "adaptation",
     "lever_physics",
@@ -107,8 +110,8 @@ def test_only_the_simulation_imports_mujoco() -> None:
 
 def test_importing_pushgraph_is_quick_and_every_public_name_exists() -> None:
     code = "import time; t = time.time(); import pushgraph; print(time.time() - t)"
-    took = float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
-    assert took < 2
+    tries = (subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in range(5))
+    assert any(float(done.stdout) < 0.1 for done in tries)
     import pushgraph
 
     assert all(getattr(pushgraph, name) is not None for name in pushgraph.__all__)

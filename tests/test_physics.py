@@ -138,8 +138,8 @@ def test_what_is_not_given_is_not_used(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("predict", "demo", "--relations", "guessed"), "valid: given, none"),
-        (("predict", "demo", "--masses", "heavy"), "valid: given, mean, believed"),
+        (("predict", "demo", "--relations", "guessed"), "is not one of 'given', 'none', 'believed'"),
+        (("predict", "demo", "--masses", "heavy"), "is not one of 'given', 'mean', 'believed'"),
         (("predict", "demo", "--model", "best.safetensors"), "no such file"),
         (("predict", "nothing.json"), "shipped scenes: demo"),
         (("evaluate", "physics", "--seed", "5", "--count", "1", "--objects", "6"), "seeds below 1,000,000"),

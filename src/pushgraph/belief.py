@@ -4,11 +4,11 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
 from pushgraph.errors import BeliefError, CheckpointError
@@ -21,9 +21,9 @@ from pushgraph.mass_memory import MassMemory
 from pushgraph.mass_memory import begin as begin_masses
 from pushgraph.mass_memory import observe as observe_masses
 from pushgraph.mass_prior import MASS_CLASSES, MassClass
-from pushgraph.network.belief_network import BELIEFS, Evidence, Memory, Rows
+from pushgraph.network.belief_network import BELIEFS, BeliefRecipe, Evidence, Memory, Rows
 from pushgraph.network.compiled.in_reach import bodies_in_reach
-from pushgraph.network.dynamics import Foresight
+from pushgraph.network.contract import Foreseeing, Foresight
 
 CHUNK = 256
 """Scene-frames whose evidence is computed together."""
@@ -56,8 +56,8 @@ class BeliefModel:
 
     def __init__(
         self,
-        network: nn.Module,
-        dynamics: nn.Module,
+        network: BeliefRecipe,
+        dynamics: Foreseeing,
         record: Mapping[str, Any] | None = None,
         prior: Mapping[str, float] = TRAINING_PRIOR,
     ) -> None:
@@ -77,14 +77,14 @@ class BeliefModel:
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in BELIEFS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no belief; valid: {', '.join(BELIEFS)}")
-        below = load_physics(BELIEFS[checkpoint.kind], physics)
+        below = load_physics(BELIEFS[checkpoint.kind].PHYSICS, physics)
         if checkpoint.physics != below.hash:
             raise CheckpointError(
                 f"{path}: trained on other weights of {below.kind} than {physics or 'those shipped'}; name those it "
                 "was trained on, or train it anew"
             )
-        networks = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
-        return cls(*networks, checkpoint.record)
+        network, dynamics = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
+        return cls(cast(BeliefRecipe, network), cast(Foreseeing, dynamics), checkpoint.record)
 
     def expecting(self, prior: Mapping[str, float]) -> "BeliefModel":
         """The same, where neighbours have other joints than in the training data.
@@ -144,7 +144,7 @@ class BeliefModel:
         self, scenes: SceneBatch, poses: Tensor, classes: Sequence[Sequence[MassClass]]
     ) -> MassMemory | None:
         """None where the network says nothing of masses, or there is nothing to say."""
-        if not hasattr(self.network, "mass_noise"):
+        if self.network.mass_noise is None:
             return None
         chains = MassChains.begin(scenes, classes)
         return begin_masses(scenes, poses, chains) if chains.priors.free[:, :-1].any() else None
@@ -167,8 +167,10 @@ class BeliefModel:
         if (kind != relations.kind).any():
             relations = believe(view.state, kind, view.fits).relations
         wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
-        network = self.network.mass_noise
-        masses = observe_masses(watch.masses, network, self.dynamics, frame, view, motion, relations, wrench)
+        memory, network = watch.masses, self.network.mass_noise
+        assert memory is not None
+        assert network is not None
+        masses = observe_masses(memory, network, self.dynamics, frame, view, motion, relations, wrench)
         return watch._replace(masses=masses, probabilities=probabilities)
 
     @torch.inference_mode()
@@ -192,18 +194,18 @@ class BeliefModel:
         return complete(watch.view.state.scenes, (answers + weights.log()).softmax(-1), rows, weights > 0)
 
 
-def load_physics(network: type[nn.Module], physics: str | os.PathLike | None = None) -> Checkpoint:
-    """The physics that belief networks of this kind stand on: of a file, or the shipped one.
+def load_physics(kind: str, physics: str | os.PathLike | None = None) -> Checkpoint:
+    """The physics of this kind that a belief stands on: of a file, or the shipped one.
 
     Raises CheckpointError if the file holds another kind.
     """
-    checkpoint = load_checkpoint(physics or shipped(network.PHYSICS))
-    if checkpoint.kind != network.PHYSICS:
-        raise CheckpointError(f"{physics}: holds {checkpoint.kind!r}; this belief stands on {network.PHYSICS!r}")
+    checkpoint = load_checkpoint(physics or shipped(kind))
+    if checkpoint.kind != kind:
+        raise CheckpointError(f"{physics}: holds {checkpoint.kind!r}; this belief stands on {kind!r}")
     return checkpoint
 
 
-def evidence_of(network: nn.Module, frame: Frame, foresight: Foresight) -> Evidence:
+def evidence_of(network: BeliefRecipe, frame: Frame, foresight: Foresight) -> Evidence:
     """What a frame tells a belief network about every pair, given what was foreseen."""
     motion = torch.where(frame.continuous[..., None], foresight.motion, 0.0)
     evidence = network.evidence(frame, foresight._replace(motion=motion))
@@ -211,8 +213,8 @@ def evidence_of(network: nn.Module, frame: Frame, foresight: Foresight) -> Evide
 
 
 def watch_windows(
-    network: nn.Module,
-    dynamics: nn.Module,
+    network: BeliefRecipe,
+    dynamics: Foreseeing,
     scenes: SceneBatch,
     poses: Float[Tensor, "batch frames bodies 3"],
     tool: Float[Tensor, "batch frames 3"],
@@ -233,14 +235,14 @@ def watch_windows(
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)
-    told, active = [], []
+    told, going_on = [], []
     for k in range(0, frames, together):
         some = looks[k : k + together]
         frame = concatenate(some)
         evidence = evidence_of(network, frame, dynamics.foresee(frame.before, frame.control))
         told.append(evidence.features.unflatten(0, (len(some), batch)))
-        active.append(evidence.active.unflatten(0, (len(some), batch)))
-    active = torch.cat(active)
+        going_on.append(evidence.active.unflatten(0, (len(some), batch)))
+    active = torch.cat(going_on)
     rows = Rows.of(active.any(0), bodies)
     encoded = network.encode(torch.cat([some[:, rows.scene, rows.pair] for some in told]))
     active = active[:, rows.scene, rows.pair]

@@ -12,17 +12,12 @@ from typing import Any
 
 from torch import nn
 
-from pushgraph.errors import CheckpointError
-from pushgraph.network.belief_network import BELIEFS
-from pushgraph.network.dynamics import DYNAMICS
-from pushgraph.network.lever_dynamics import LEVERS
-from pushgraph.network.spread_network import SPREADS
+from pushgraph.errors import CheckpointError, NetworkError
+from pushgraph.network.registry import NETWORKS, build_network
 from pushgraph.tensor_file import load_tensors, save_tensors
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
-KINDS = {**DYNAMICS, **BELIEFS, **SPREADS, **LEVERS}
-"""Every network by name."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
         "version": VERSION,
         "kind": checkpoint.kind,
         "config": dict(checkpoint.config),
-        "schema": KINDS[checkpoint.kind].schema(),
+        "schema": NETWORKS[checkpoint.kind].schema(),
         "record": dict(checkpoint.record),
     }
     if checkpoint.physics is not None:
@@ -60,13 +55,14 @@ def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
 def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
     """Read a checkpoint; raises CheckpointError if any part of it is not what this pushgraph understands."""
     header, tensors = load_tensors(path, "checkpoint", FORMAT, VERSION, CheckpointError, "train it anew")
-    if header["kind"] not in KINDS:
-        raise CheckpointError(f"{path}: no network {header['kind']!r}; valid: {', '.join(KINDS)}")
-    schema = KINDS[header["kind"]].schema()
+    try:
+        network = build_network(header["kind"], header["config"])
+    except NetworkError as error:
+        raise CheckpointError(f"{path}: {error}") from None
+    schema = NETWORKS[header["kind"]].schema()
     if header["schema"] != schema:
         changed = [name for name in schema if header["schema"].get(name) != schema[name]]
         raise CheckpointError(f"{path}: trained on other features ({', '.join(changed)}); train it anew")
-    network = KINDS[header["kind"]](**header["config"])
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:

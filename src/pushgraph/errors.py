@@ -37,6 +37,10 @@ class ViewerError(PushGraphError):
     """A picture or an animation cannot be made."""
 
 
+class NetworkError(PushGraphError):
+    """There is no such network, or it does not keep its contract."""
+
+
 class CheckpointError(PushGraphError):
     """A checkpoint cannot be read, or is not what it says it is."""
 
@@ -71,6 +75,10 @@ class RealPushError(PushGraphError):
 
 class AdaptationError(PushGraphError):
     """Nothing can be learnt from these pushes, or an adaptation cannot be read."""
+
+
+class AssumptionWarning(UserWarning):
+    """Something is predicted as if masses or frictions that a scene does not say were nominal."""
 
 
 class RangeWarning(UserWarning):

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.mass_evidence import Linearized, Rows, linearize, moving
+from pushgraph.graph.mass_evidence import Dynamics, Linearized, Rows, linearize, moving
 from pushgraph.graph.scene_batch import Relations, SceneBatch, concatenate, double, map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.watching import Frame, View
@@ -159,7 +159,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
 def observe(
     memory: MassMemory,
     network: MassNoise,
-    dynamics: nn.Module,
+    dynamics: Dynamics,
     frame: Frame,
     view: View,
     motion: Float[Tensor, "batch bodies 3"],

@@ -187,8 +187,8 @@ def _ring(points: Float[np.ndarray, "n 2"]) -> _Ring:
     # Start at a vertex that stands out, so that no straight run hides it.
     first = int(np.argmax(np.hypot(*(points - points.mean(0)).T)))
     size = np.ptp(points, axis=0).max()
-    polygon = shapely.Polygon(np.roll(points, -first, 0)).simplify(min(1e-5, 1e-4 * size))
-    vertex = np.array(polygon.exterior.coords)[:-1]
+    simpler = shapely.Polygon(np.roll(points, -first, 0)).simplify(min(1e-5, 1e-4 * size))
+    vertex = shapely.get_coordinates(simpler)[:-1]
     edge = np.roll(vertex, -1, 0) - vertex
     length = np.hypot(*edge.T)
     along = edge / length[:, None]

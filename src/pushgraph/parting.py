@@ -7,7 +7,7 @@ from jaxtyping import Float
 from pushgraph import pose
 from pushgraph.contact import contact_between
 from pushgraph.scene import OVERLAP, Scene
-from pushgraph.shape import rounded_boxes, take
+from pushgraph.shape import rounded_boxes, simple, take
 
 ROUNDS = 100
 
@@ -17,7 +17,7 @@ def parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarr
     poses, apart = poses.copy(), scene.pairs_that_collide
     if not apart:
         return poses
-    boxes = rounded_boxes([body.shape for body in scene.bodies])
+    boxes = rounded_boxes([simple(body.shape) for body in scene.bodies])
     first, second = (np.array(column) for column in zip(*apart, strict=True))
     for _ in range(ROUNDS):
         between = torch.from_numpy(pose.relative(poses[first], poses[second]))
@@ -26,6 +26,6 @@ def parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarr
         if deep.max() == 0:
             break
         give = pose.rotate(touch.normal.numpy(), poses[first, 2]) * (deep / 2)[:, None]
-        np.add.at(poses, (first, slice(2)), -give)
-        np.add.at(poses, (second, slice(2)), give)
+        np.add.at(poses[:, :2], first, -give)
+        np.add.at(poses[:, :2], second, give)
     return poses

@@ -15,17 +15,20 @@ from jaxtyping import Bool, Float, Int
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from pushgraph.array_input import Values, checked
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import CheckpointError, PredictionError, RangeWarning
+from pushgraph.errors import AssumptionWarning, CheckpointError, PredictionError, RangeWarning, SceneError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
 from pushgraph.graph.track_features import default_doubt, doubt_of
 from pushgraph.network.alike import OnceWhileAlike
-from pushgraph.network.dynamics import DYNAMICS, ContactDynamics, Dynamics
-from pushgraph.plausibility import PREDICTED_OVERLAP, refusal
-from pushgraph.scene import Scene
+from pushgraph.network.contract import Dynamics
+from pushgraph.network.dynamics import DYNAMICS, ContactDynamics
+from pushgraph.plausibility import PREDICTED_OVERLAP, assumed_values, refusal, start_fault
+from pushgraph.push_batch import PushPredictions, pushes_of
+from pushgraph.scene import OVERLAP, Scene
 from pushgraph.scene_parts import SceneInParts, in_parts
 from pushgraph.scene_range import outside
 from pushgraph.simulation.motion import plan_tool
@@ -73,6 +76,10 @@ class Rollout(NamedTuple):
     poses: Float[Tensor, "batch frames bodies 3"]
     tool: Float[Tensor, "batch frames 3"]
     spread: Spread | None = None
+
+    def numpy(self) -> tuple[Float[np.ndarray, "batch frames bodies 3"], Float[np.ndarray, "batch frames 3"]]:
+        """Poses of the bodies, and of the tool, as arrays of NumPy."""
+        return self.poses.detach().cpu().numpy(), self.tool.detach().cpu().numpy()
 
 
 def rollout(
@@ -196,24 +203,37 @@ class PhysicsPredictor:
     def rollout(
         self,
         states: State,
-        tool: Float[Tensor, "batch frames 3"],
-        down: Bool[Tensor, "batch frames"],
+        tool: Values,
+        down: Values,
         frames_per_step: int = 1,
         longest_step: float | None = None,
-        force_limit: Float[Tensor, "batch frames"] | None = None,
+        force_limit: Values | None = None,
         spread: bool = False,
-        doubt: Float[Tensor, "batch pairs"] | None = None,
+        doubt: Values | None = None,
         alike: Sequence[Hashable] | None = None,
     ) -> Rollout:
         """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses.
 
+        tool: pose_world_from_tool, [batch frames 3]. down: [batch frames]. force_limit: N, [batch frames]. doubt:
+        [batch pairs]. All of NumPy or torch; for the answer in NumPy see `Rollout.numpy`.
         spread: whether to state how far off that may be. doubt: probability of every pair that what `states` take for
         its joint is wrong, see `pushgraph.graph.track_features.doubt_of`; none by default, but about unknown pairs.
         alike: scenes for which it is equal start alike: see `pushgraph.network.alike`.
-        Raises CheckpointError if the checkpoint of spreads is of other weights.
+        Raises PredictionError if a shape or a dtype is another, and CheckpointError if the checkpoint of spreads is of
+        other weights.
         """
         if doubt is not None and not spread:
             raise PredictionError("doubt: widens the spread alone, so it needs spread=True")
+        like, batch = states.poses, len(states.poses)
+        tool = checked("tool", tool, (batch, "frames", 3), "real", like)
+        frames = tool.shape[1]
+        down = checked("down", down, (batch, frames), "bool", like)
+        if frames == 0:
+            raise PredictionError("tool: needs one frame at least")
+        if force_limit is not None:
+            force_limit = checked("force_limit", force_limit, (batch, frames), "real", like)
+        if doubt is not None:
+            doubt = checked("doubt", doubt, (batch, states.relations.kind.shape[1]), "real", like)
         model = self.spread_model if spread else None
         dynamics = self.dynamics if alike is None else OnceWhileAlike(self.dynamics, alike)
         predicted = rollout(dynamics, states, tool, down, frames_per_step, longest_step, force_limit)
@@ -236,10 +256,33 @@ class PhysicsPredictor:
         `pushgraph.plausibility`.
         """
         scene = scene if pushes is None else scene.replace(pushes=tuple(pushes))
+        _warn_of_assumptions(scene)
         track = self.predict_many([scene], spread=spread, beliefs=None if beliefs is None else [beliefs])[0]
         if fault := refusal(track, PREDICTED_OVERLAP):
             raise PredictionError(fault)
         return track
+
+    def predict_pushes(
+        self, scene: Scene, pushes: Sequence[Push] | np.ndarray, speed: float | None = None, spread: bool = False
+    ) -> PushPredictions:
+        """Predict what each of many pushes does to the scene, all by themselves, side by side.
+
+        pushes: Push objects, or an array [pushes points 2 or 3] of way-points x, y (m) and yaw (rad), the start first:
+        `np.stack((starts, ends), 1)` of starts and ends [pushes 2]. speed: of an array's pushes (m/s). spread: see
+        `predict`. Pushes whose tool comes down on a body are refused, the others predicted.
+        Raises PredictionError if they are no pushes, or a shape or dtype is another.
+        """
+        made = pushes_of(pushes, speed)
+        _warn_of_assumptions(scene)
+        refused = _refused(scene, made)
+        there = [index for index in range(len(made)) if index not in refused]
+        _check_pushes(scene, {index: made[index] for index in there})
+        scenes = [scene.model_copy(update={"pushes": (made[index],)}) for index in there]
+        tracks: list[Track | None] = [None] * len(made)
+        poses = np.full((len(made), len(scene.bodies), 3), np.nan)
+        for index, track in zip(there, self.predict_many(scenes, spread=spread) if scenes else [], strict=True):
+            tracks[index], poses[index] = track, track.poses[-1, 1:]
+        return PushPredictions(scene, made, poses, tuple(tracks), refused)
 
     def predict_many(
         self,
@@ -328,6 +371,38 @@ class PhysicsPredictor:
             f"scene {scene}: the predicted pose of body {body} is not finite at frame {frame}; poses up to there "
             f"are in {path}"
         )
+
+
+load = PhysicsPredictor.load
+
+
+def _refused(scene: Scene, pushes: Sequence[Push]) -> dict[int, str]:
+    """Which pushes come down on a body of the scene, and where."""
+    start = scene.poses_world_from_body
+    if not pushes:
+        return {}
+    gaps = scene.tool_gaps(np.stack([push.waypoints[0] for push in pushes]), np.repeat(start[None], len(pushes), 0))
+    deep = np.flatnonzero(gaps.min(1) < -OVERLAP).tolist()
+    faults = {index: start_fault(scene, index, pushes[index].waypoints[0], start) for index in deep}
+    return {index: fault for index, fault in faults.items() if fault}
+
+
+def _check_pushes(scene: Scene, pushes: Mapping[int, Push]) -> None:
+    """Raise PredictionError if the scene cannot have one of the pushes, by number: one that is too long or too fast."""
+    try:
+        scene.replace(pushes=tuple(pushes.values()))
+    except SceneError:
+        for index, push in pushes.items():
+            try:
+                scene.replace(pushes=(push,))
+            except SceneError as error:
+                raise PredictionError(str(error).replace("pushes[0]", f"pushes[{index}]")) from None
+        raise
+
+
+def _warn_of_assumptions(scene: Scene) -> None:
+    if said := assumed_values(scene):
+        warnings.warn("; ".join(said), AssumptionWarning, 3)
 
 
 def _force_limits(pushes: Sequence[Push], under_way: Int[np.ndarray, " frames"]) -> Float[np.ndarray, " frames"]:

@@ -22,8 +22,8 @@ MOST_NAMES = 8
 """A remark names so many bodies at most."""
 
 
-def assumptions(scene: Scene) -> list[str]:
-    """What a scene does not say, and what is taken instead."""
+def assumed_values(scene: Scene) -> list[str]:
+    """Masses and frictions that a scene does not say, and what is taken instead."""
     unknown = [
         body.name for body, still in zip(scene.bodies, scene.immovable, strict=True) if body.mass is None and not still
     ]
@@ -32,6 +32,12 @@ def assumptions(scene: Scene) -> list[str]:
         taken.append(f"table.friction is unknown: taken as {NOMINAL_TABLE_FRICTION:g}, a nominal value")
     if scene.side_friction is None:
         taken.append(f"side_friction is unknown: taken as {NOMINAL_SIDE_FRICTION:g}, a nominal value")
+    return taken
+
+
+def assumptions(scene: Scene) -> list[str]:
+    """What a scene does not say, and what is taken instead."""
+    taken = assumed_values(scene)
     if scene.unknown_pairs == "unlisted":
         taken.append("pairs that no joint or rigid group lists may be joined: taken as not joined")
     elif scene.unknown_pairs:

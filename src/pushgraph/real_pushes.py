@@ -165,7 +165,7 @@ def outline_of(shape: BodyShape) -> Float[np.ndarray, "points 2"]:
         return np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * np.array(shape.size) / 2
     if isinstance(shape, Cylinder):
         return _ellipse(shape.diameter, shape.diameter)
-    return np.array(shapely.Polygon(shape.points).normalize().reverse().exterior.coords)[:-1]
+    return shapely.get_coordinates(shapely.Polygon(shape.points).normalize().reverse())[:-1]
 
 
 def _shape_of(outline: Any) -> BodyShape:

@@ -23,7 +23,7 @@ class Record(BaseModel):
             raise SceneError(explain(error, type(self).__name__.lower(), fields)) from None
 
     # Without this mark pydantic would build nested records through __init__ and lose where they stand.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # a mark that pydantic looks for
 
     @model_serializer(mode="wrap")
     def _without_absent(self, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:

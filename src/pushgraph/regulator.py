@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import get_args
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from pushgraph.adaptation.unknowns import Estimate
 from pushgraph.belief import BeliefModel, Watch
 from pushgraph.believed_joint import BelievedJoint
 from pushgraph.believed_mass import BelievedMass, Interval
-from pushgraph.body import ROBOT, Joint
+from pushgraph.body import ROBOT, Joint, JointKind
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import BeliefError, TrackError
 from pushgraph.graph.believed import believe, joint_places
@@ -256,7 +257,7 @@ class BeliefRegulator:
     def _joints(self, relations: Relations, poses: Float[np.ndarray, "bodies 3"]) -> list[Joint]:
         """Joints of the relations, told in the world frame with the bodies at `poses`."""
         names = self.original.names
-        kinds = {code: kind for kind, code in JOINT_CODES.items()}
+        kinds: dict[int, JointKind] = {JOINT_CODES[kind]: kind for kind in get_args(JointKind)}
         room = self._scenes.mass.shape[1]
         still = self.original.immovable
         joints = []

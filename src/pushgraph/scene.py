@@ -18,6 +18,7 @@ from pushgraph.arm import Arm
 from pushgraph.body import Body, Joint, Name
 from pushgraph.contact import Contact, signed_gap
 from pushgraph.mass_prior import MASS_CLASSES, MassClass, check_classes
+from pushgraph.notebook import png_of
 from pushgraph.parts import contacts_of_bodies, parts_of
 from pushgraph.record import Record
 from pushgraph.scene_file import SceneFile, is_trusted
@@ -92,8 +93,8 @@ class Scene(SceneFile):
     Raises SceneError, naming the body and the field, if anything does not fit.
     """
 
-    format: Literal["pushgraph.scene"] = FORMAT
-    version: Literal[1] = VERSION
+    format: Literal["pushgraph.scene"] = "pushgraph.scene"
+    version: Literal[1] = 1
     bodies: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]
     joints: tuple[Joint, ...] = ()
     rigid_groups: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()
@@ -119,6 +120,9 @@ class Scene(SceneFile):
             self._check_places()
             check_classes(self.classes_of_mass)
         return self
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
 
     @property
     def classes_of_mass(self) -> tuple[MassClass, ...]:

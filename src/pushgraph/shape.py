@@ -138,6 +138,12 @@ BodyShape = Annotated[Cylinder | Cuboid | Polygon, Field(discriminator="kind")]
 """What a body may be."""
 
 
+def simple(shape: Cylinder | Cuboid | Polygon) -> Cylinder | Cuboid:
+    """The shape itself; for scenes that hold no polygons, or in which they were taken apart."""
+    assert not isinstance(shape, Polygon)
+    return shape
+
+
 def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:
     """Shapes as one batch for `pushgraph.contact` (float64)."""
     cores = torch.tensor([shape.core for shape in shapes], dtype=torch.float64).reshape(-1, 3)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph.body import ROBOT
 from pushgraph.errors import SceneError, TrackError
+from pushgraph.notebook import png_of
 from pushgraph.scene import Scene
 from pushgraph.spread import UNITS, Spread
 from pushgraph.track_csv import load_csv, save_csv
@@ -165,6 +166,9 @@ class Track:
             return cls(scene, *stored.frames, spread=spread)
         except (TrackError, SceneError) as error:
             raise TrackError(f"{path}: {error}") from None
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
 
     @property
     def _frames(self) -> Frames:

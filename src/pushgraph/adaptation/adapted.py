@@ -16,7 +16,7 @@ from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
 from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.errors import AdaptationError
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.real_pushes import RealPushes
 from pushgraph.scene import Scene
 from pushgraph.shape import BodyShape

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from pushgraph.adaptation.prediction import predicted_motion
 from pushgraph.adaptation.unknowns import COUNT, Estimate, Unknowns
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.pose import wrap_angle
 from pushgraph.real_pushes import RealPushes
 

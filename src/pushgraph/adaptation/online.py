@@ -9,7 +9,7 @@ from pushgraph.adaptation.fit import fit
 from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.unknowns import Estimate
 from pushgraph.errors import AdaptationError
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.real_pushes import RealPushes
 from pushgraph.scene import Scene
 from pushgraph.shape import Cylinder

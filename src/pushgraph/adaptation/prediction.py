@@ -13,7 +13,7 @@ from pushgraph.body import Body
 from pushgraph.graph.feet import BodyFeet
 from pushgraph.graph.scene_batch import SceneBatch, batch_scenes, double
 from pushgraph.graph.state import controls, start
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.real_pushes import DEEPEST, RealPushes, depths
 from pushgraph.scene import NOMINAL_MASS, Scene
 from pushgraph.scene_parts import SceneInParts, in_parts

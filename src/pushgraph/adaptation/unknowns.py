@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import special
 
 COUNT = 7
 
@@ -51,7 +50,9 @@ class Scale(NamedTuple):
 
 LINEAR = Scale(lambda value: value, lambda at: at, lambda value: 1.0)
 FACTOR = Scale(np.log, np.exp, lambda value: value)
-SHARE = Scale(special.logit, special.expit, lambda value: value * (1 - value))
+SHARE = Scale(
+    lambda value: np.log(value / (1 - value)), lambda at: 1 / (1 + np.exp(-at)), lambda value: value * (1 - value)
+)
 SCALES = (FACTOR, FACTOR, SHARE, LINEAR, LINEAR, LINEAR, LINEAR)
 NOMINAL = Unknowns()
 DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3])
@@ -85,7 +86,7 @@ class Estimate(NamedTuple):
         """Standard deviation of each, in its own unit."""
         share = np.sqrt(np.diag(self.covariance)) * DEVIATION
         values = zip(SCALES, self.unknowns, share, strict=True)
-        return Unknowns(*(float(scale.slope(v) * s) for scale, v, s in values))
+        return Unknowns(*(float(scale.slope(float(v)) * s) for scale, v, s in values))
 
     def lines(self) -> list[str]:
         """In words: `side friction 0.17 +- 0.02` and so on."""

@@ -1,6 +1,9 @@
 """The command `pushgraph`."""
 
+import importlib.metadata
 import sys
+import warnings
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -8,6 +11,7 @@ from rich.markup import escape
 
 from pushgraph.cli import (
     adapting,
+    comparing,
     data,
     evaluating,
     evaluating_lever,
@@ -21,16 +25,17 @@ from pushgraph.cli import (
     scenes,
     training,
 )
-from pushgraph.errors import PushGraphError
+from pushgraph.cli.output import console
+from pushgraph.errors import AssumptionWarning, PushGraphError
 
 app = typer.Typer(
-    help="See what a push will do: scenes of pushed objects, simulated, predicted and learned from.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
 for command in (
-    scenes.demo,
+    comparing.demo,
+    comparing.compare,
     scenes.predict,
     recordings.observe,
     recordings.track,
@@ -49,10 +54,28 @@ for suites in (evaluating_lever, evaluating_masses, evaluating_plans, evaluating
 app.add_typer(evaluating.app, name="evaluate")
 
 
+def _say_version(wanted: bool | None) -> None:
+    if wanted:
+        console.print(f"pushgraph {importlib.metadata.version('pushgraph')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool | None, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = None,
+) -> None:
+    """See what a push will do: scenes of pushed objects, simulated, predicted and learned from."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; our errors become a message and exit status 1."""
+    # What is assumed is printed by the commands.
     try:
-        app(arguments)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AssumptionWarning)
+            app(arguments)
     except PushGraphError as error:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False)
         sys.exit(1)

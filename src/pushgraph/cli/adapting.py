@@ -1,7 +1,7 @@
 """The command adapt."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress
@@ -9,6 +9,10 @@ from rich.table import Table
 
 from pushgraph.cli.evaluating_real import Data, Outlines
 from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.adaptation.adapted import Adaptation
+    from pushgraph.adaptation.session import Session
 
 
 def adapt(
@@ -46,7 +50,7 @@ def adapt(
     console.print(f"Written: {out}", soft_wrap=True, markup=False)
 
 
-def _validation_table(session) -> Table:
+def _validation_table(session: "Session") -> Table:
     table = Table(title="Pushes left out: mean errors, mm / degrees", pad_edge=False)
     for name in ("surface", "shape", "pushes", "before", "after", "kept"):
         table.add_column(name, justify="left" if name in ("surface", "shape", "kept") else "right")
@@ -56,7 +60,7 @@ def _validation_table(session) -> Table:
     return table
 
 
-def _unknowns_table(adaptation) -> Table:
+def _unknowns_table(adaptation: "Adaptation") -> Table:
     table = Table(title="What was learnt, with standard deviations", pad_edge=False)
     table.add_column("material")
     table.add_column("unknowns")

@@ -1,9 +1,15 @@
 """Tables of what is believed."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from pushgraph.believed_joint import BelievedJoint
+    from pushgraph.believed_mass import BelievedMass
+    from pushgraph.scene import Scene
 
 SHOWN, LEAST_ROWS = 0.05, 3
 """The table of joints shows pairs that are joined with at least this probability, and at least so many."""
@@ -11,7 +17,7 @@ APART = 1.5
 """Kilograms cannot be told where the interval's ends belong to different classes and are so many times apart."""
 
 
-def joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
+def joints_table(title: str, pairs: Sequence[tuple[str, str]], probabilities: np.ndarray) -> Table:
     """Pairs that may be joined, and how many others surely are not."""
     from pushgraph.graph.scene_batch import JOINT_CODES
 
@@ -28,26 +34,27 @@ def joints_table(title: str, pairs, probabilities: np.ndarray) -> Table:
     return table
 
 
-def places_table(joints) -> Table:
+def places_table(joints: Sequence["BelievedJoint"]) -> Table:
     """Where believed joints sit, and how far they were seen to move."""
     table = Table(title="Believed joints, where they sit now (± one standard deviation)")
     for name in ("joint", "kind", "sits", "was seen to move"):
         table.add_column(name)
     for joint in joints:
         place = reached = ""
+        low, high = joint.reached or (0.0, 0.0)
         if joint.anchor is not None:
             x, y = joint.anchor
-            place = f"at ({x:.3f}, {y:.3f}) m ± {joint.anchor_spread * 1e3:.1f} mm"
-            reached = "{:.1f} to {:.1f} degrees".format(*np.degrees(joint.reached))
+            place = f"at ({x:.3f}, {y:.3f}) m ± {(joint.anchor_spread or 0.0) * 1e3:.1f} mm"
+            reached = f"{np.degrees(low):.1f} to {np.degrees(high):.1f} degrees"
         if joint.axis is not None:
             direction = np.degrees(np.arctan2(*joint.axis[::-1]))
-            place = f"along {direction:.1f} ± {np.degrees(joint.axis_spread):.1f} degrees"
-            reached = "{:.1f} to {:.1f} mm".format(*(1e3 * far for far in joint.reached))
+            place = f"along {direction:.1f} ± {np.degrees(joint.axis_spread or 0.0):.1f} degrees"
+            reached = f"{1e3 * low:.1f} to {1e3 * high:.1f} mm"
         table.add_row(f"{joint.parent} - {joint.child}", joint.kind, place, reached)
     return table
 
 
-def masses_table(title: str, masses: Sequence, scene, sensor: bool) -> Table:
+def masses_table(title: str, masses: Sequence["BelievedMass"], scene: "Scene", sensor: bool) -> Table:
     """What is believed of masses, and in words what that stands on.
 
     masses: BelievedMass of each body that is weighed, in the scene. sensor: whether a force was measured.
@@ -73,7 +80,7 @@ def masses_table(title: str, masses: Sequence, scene, sensor: bool) -> Table:
     return table
 
 
-def _footing(scene, sensor: bool) -> str:
+def _footing(scene: "Scene", sensor: bool) -> str:
     """What kilograms stand on."""
     classes = ", ".join(f"{one.name} {one.lowest:g} to {one.highest:g}" for one in scene.classes_of_mass)
     if not sensor:

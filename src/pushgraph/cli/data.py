@@ -8,6 +8,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from pushgraph.cli.choices import engines, one_of, setups
 from pushgraph.cli.output import BAR, console
 
 
@@ -20,7 +21,8 @@ def generate(
             "different-masses-mixed: that, of two objects up to --objects; "
             "controlled-masses: 2 or 3 cylinders of which only the masses change; "
             "camera: 2 to 5 glued cylinders without yaw, pushed once by a hammer; "
-            "lever-up: a board levered up from the four sides of drives."
+            "lever-up: a board levered up from the four sides of drives.",
+            **one_of(setups, "SETUP"),
         ),
     ],
     out: Annotated[Path, typer.Option(help="The dataset, HDF5.")],
@@ -29,9 +31,9 @@ def generate(
     objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of mixed setups, the most.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
-    engine: Annotated[str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).")] = (
-        "processes"
-    ),
+    engine: Annotated[
+        str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).", **one_of(engines))
+    ] = "processes",
 ) -> None:
     """Generate a dataset; killed or interrupted, the same command goes on where it was.
 
@@ -53,7 +55,8 @@ def generate(
     if (count is None) == (drives is None) or (drives is not None and setup != LEVER_UP):
         raise typer.BadParameter(f"give --count, or for {LEVER_UP} --drives", param_hint="--count")
     levers = setup == LEVER_UP
-    objects, count = (1 if levers else objects), (len(SIDES) * drives if count is None else count)
+    objects = 1 if levers else objects
+    count = len(SIDES) * (drives or 0) if count is None else count
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task(setup, total=count)
         try:

@@ -2,14 +2,22 @@
 
 import itertools
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from pushgraph.cli.choices import BeliefSetup
 from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.coupled import CoupledErrors
+    from pushgraph.evaluation.results import Results
+
+Scenes = TypeVar("Scenes")
 
 app = typer.Typer(help="Measure the shipped networks, or your own.", no_args_is_help=True)
 
@@ -66,8 +74,8 @@ def belief(
     belief: Annotated[str, typer.Option(help="Checkpoint to measure as belief.")] = "belief",
     paper_recipe: Annotated[str, typer.Option(help="Checkpoint to measure as paper_recipe.")] = "paper_recipe",
     setup: Annotated[
-        str, typer.Option(help="multiple-parts, or jointed: half with joints anywhere.")
-    ] = "multiple-parts",
+        BeliefSetup, typer.Option(help="jointed: half with joints anywhere.")
+    ] = BeliefSetup.MULTIPLE_PARTS,
     workers: Workers = CORES,
 ) -> None:
     """Watch test scenes with `belief` and `paper_recipe`, and score what they say is joined, beside perfect inference.
@@ -84,7 +92,8 @@ def belief(
     from pushgraph.evaluation.figures import save_belief_curves, save_reliability
 
     models = {"belief": belief, "paper_recipe": paper_recipe}
-    results, scenes = measure(partial(evaluate_belief, setup=setup), numbers_of(objects), count, seed, models, workers)
+    suite = partial(evaluate_belief, setup=setup.value)
+    results, scenes = measure(suite, numbers_of(objects), count, seed, models, workers)
     results.save(out / "results.json")
     save_belief_curves(results.rows, out / "curves.png")
     save_reliability(scenes, tuple(models), out / "reliability.png")
@@ -165,7 +174,14 @@ def numbers_of(objects: int | list[int] | None, valid: tuple[int, ...] = (6, 9, 
     return chosen
 
 
-def measure(suite, numbers: tuple[int, ...], count: int, seed: int, models: dict[str, str], workers: int):
+def measure(
+    suite: Callable[[tuple[int, ...], int, int, dict[str, str], int, Callable[[int], None]], tuple["Results", Scenes]],
+    numbers: tuple[int, ...],
+    count: int,
+    seed: int,
+    models: dict[str, str],
+    workers: int,
+) -> tuple["Results", Scenes]:
     """Run a suite behind a progress bar."""
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task("scenes", total=count * len(numbers))
@@ -178,7 +194,7 @@ def say_written(out: Path, *figures: str) -> None:
     console.print(f"Written: {written}", soft_wrap=True, markup=False)
 
 
-def _physics_table(results, objects: int) -> Table:
+def _physics_table(results: "Results", objects: int) -> Table:
     table = Table(title=f"Rollouts, {objects} objects (cm; 95 % interval over scenes in results.json)")
     metrics = ("mean_error_cm", "final_error_moved_cm", "median_final_error_moved_cm", "displacement_moved_cm")
     table.add_column("scenes")
@@ -199,7 +215,7 @@ def _physics_table(results, objects: int) -> Table:
     return table
 
 
-def _belief_table(results, objects: int) -> Table:
+def _belief_table(results: "Results", objects: int) -> Table:
     table = Table(title=f"Accuracy, {objects} objects (95 % interval over scenes in results.json)")
     columns = ("all pairs", "adjacent", "touched", "anywhere", "flush", "ece, adjacent")
     for name in ("frames", "noise", "model", *columns):
@@ -223,7 +239,7 @@ def _belief_table(results, objects: int) -> Table:
     return table
 
 
-def _spread_table(results, objects: int) -> Table:
+def _spread_table(results: "Results", objects: int) -> Table:
     title = f"Bodies that moved, {objects} objects (95 % interval over scenes in results.json)"
     table = Table(title=title, pad_edge=False)
     columns = ("joints", "masses", "frames", "68 %", "95 %", "rank", "yaw 68 %", "95 %", "rank")
@@ -250,7 +266,7 @@ def _spread_table(results, objects: int) -> Table:
     return table
 
 
-def _coupled_table(scenes, objects: int) -> Table:
+def _coupled_table(scenes: Sequence["CoupledErrors"], objects: int) -> Table:
     from pushgraph.evaluation.coupled import MODELS, STARTS, mean_and_standard_error
 
     title = f"Rollouts of 50 frames, {objects} objects (mean error ± standard error, cm)"

@@ -3,14 +3,17 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, say_written
 from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.results import Results
 
 
 def lever_up(
@@ -49,11 +52,11 @@ def lever_up(
 COMMANDS: dict[str, Callable[..., None]] = {"lever-up": lever_up}
 
 
-def _show(progress, task, done: int) -> None:
+def _show(progress: Progress, task: TaskID, done: int) -> None:
     progress.update(task, completed=done)
 
 
-def _table(results, subset: str, count: int) -> Table:
+def _table(results: "Results", subset: str, count: int) -> Table:
     table = Table(title=f"{count} interactions, {subset} (95 % interval over drives in results.json)")
     columns = ("position (mm)", "rotation (deg)", "rollout (mm)", "ledge (mm)", "none (mm)")
     for name in ("model", *columns):

@@ -1,9 +1,9 @@
 """The commands of `pushgraph evaluate` that are about masses."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress
@@ -11,6 +11,11 @@ from rich.table import Table
 
 from pushgraph.cli.evaluating import CORES, Count, Objects, Out, Seed, Workers, measure, numbers_of, say_written
 from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.controlled_masses import ControlledScene
+    from pushgraph.evaluation.coupled_masses import CoupledMassErrors
+    from pushgraph.evaluation.results import Results
 
 Belief = Annotated[str, typer.Option(help="Checkpoint to measure as belief.")]
 
@@ -128,7 +133,7 @@ def _cells(values: list[float | None], digits: int = 3) -> list[str]:
     return ["-" if value is None else f"{value:.{digits}f}" for value in values]
 
 
-def _masses_tables(results, objects: int) -> list[Table]:
+def _masses_tables(results: "Results", objects: int) -> list[Table]:
     """One for each of what was observed."""
     from pushgraph.evaluation.masses import INPUTS
 
@@ -166,7 +171,7 @@ def _masses_tables(results, objects: int) -> list[Table]:
     return tables
 
 
-def _controlled_tables(results, scenes, objects: int) -> list[Table]:
+def _controlled_tables(results: "Results", scenes: Sequence["ControlledScene"], objects: int) -> list[Table]:
     """Numbers, and how many scenes were told how well."""
     from pushgraph.evaluation.controlled_masses import histogram, mix_ups, reference_histogram
 
@@ -194,7 +199,7 @@ def _controlled_tables(results, scenes, objects: int) -> list[Table]:
     return [numbers, bars]
 
 
-def _coupled_table(scenes, objects: int) -> Table:
+def _coupled_table(scenes: Sequence["CoupledMassErrors"], objects: int) -> Table:
     from pushgraph.evaluation.coupled_masses import MODELS, TIMES, mean_and_standard_error
 
     title = f"Rollouts of 50 frames, {objects} objects (mean error ± standard error, cm)"

@@ -2,14 +2,19 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress
 from rich.table import Table
 
+from pushgraph.cli import choices
+from pushgraph.cli.choices import one_of
 from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, measure, numbers_of, say_written
-from pushgraph.cli.output import BAR, check_choice, console
+from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.results import Results
 
 
 def tools(
@@ -59,6 +64,7 @@ def clutter(
         typer.Option(
             help="belief, belief_expected, belief_percentile_90, no_joint, true_joints or mujoco; again.",
             show_default="all",
+            **one_of(choices.contenders),
         ),
     ] = None,
     workers: Workers = CORES,
@@ -79,8 +85,6 @@ def clutter(
     from pushgraph.evaluation.clutter import CONTENDERS, evaluate_clutter
 
     contenders = tuple(dict.fromkeys(contender or CONTENDERS))
-    for name in contenders:
-        check_choice("contender", name, tuple(CONTENDERS))
     suite = partial(evaluate_clutter, contenders=contenders)
     models = {"contact": contact, "belief": belief}
     results, _ = measure(suite, numbers_of(objects), count, seed, models, workers)
@@ -92,7 +96,7 @@ def clutter(
 COMMANDS: dict[str, Callable[..., None]] = {"tools": tools, "clutter": clutter}
 
 
-def _clutter_table(results, count: int) -> Table:
+def _clutter_table(results: "Results", count: int) -> Table:
     table = Table(title=f"{count} scenes, joints unknown (95 % interval over scenes in results.json)", pad_edge=False)
     columns = ("3 cm", "15 deg", "error (cm)", "pushes", "plan (s)", "ece")
     for name in ("goal", "model", *columns):
@@ -110,7 +114,7 @@ def _clutter_table(results, count: int) -> Table:
     return table
 
 
-def _tools_table(results, tasks: int) -> Table:
+def _tools_table(results: "Results", tasks: int) -> Table:
     table = Table(title=f"{tasks} tasks (95 % interval over tasks in results.json)", pad_edge=False)
     for name in ("model", "loop", "executed", "tool", "under 5 cm", "under 10 cm", "mean error (cm)"):
         table.add_column(name, justify="left" if name in ("model", "loop", "executed", "tool") else "right")

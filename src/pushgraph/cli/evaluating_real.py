@@ -2,14 +2,17 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from pushgraph.cli.evaluating import CORES, Out, Workers, say_written
 from pushgraph.cli.output import BAR, console
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.results import Results
 
 Data = Annotated[Path, typer.Option(help="Recorded pushes: CSV, packed with gzip or not.")]
 Outlines = Annotated[Path, typer.Option(help="Outlines of the objects: JSON.")]
@@ -47,10 +50,11 @@ def real(
     learnt = None if adaptation is None else load_adaptation(adaptation)
     figures = ["shapes.png"]
     with Progress(*BAR, console=console) as progress:
-        bars: dict[str, int] = {}
+        bars: dict[str, TaskID] = {}
 
         def show(what: str, done: int, total: int) -> None:
-            bars.setdefault(what, progress.add_task(what, total=total) if what not in bars else 0)
+            if what not in bars:
+                bars[what] = progress.add_task(what, total=total)
             progress.update(bars[what], completed=done, total=total)
 
         results, measures = evaluate_real(data, outlines, count, contact, learnt, simulated, workers, show)
@@ -70,7 +74,7 @@ def real(
 COMMANDS: dict[str, Callable[..., None]] = {"real": real}
 
 
-def _table(results) -> Table:
+def _table(results: "Results") -> Table:
     protocol = results.protocol
     rows = [row for row in results.rows if row["split"] == "all"]
     values = {
@@ -103,7 +107,7 @@ def _table(results) -> Table:
     return table
 
 
-def _splits_table(results) -> Table:
+def _splits_table(results: "Results") -> Table:
     rows = [row for row in results.rows if row["split"] != "all"]
     rows = [row for row in rows if (row["shape"], row["surface"], row["speed"]) == ("all", "all", "all")]
     values = {(row["split"], row["pushes"], row["model"], row["metric"]): row["value"] for row in rows}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress
@@ -11,6 +11,9 @@ from rich.table import Table
 from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, say_written
 from pushgraph.cli.output import BAR, console
 from pushgraph.cli.recordings import prior_of
+
+if TYPE_CHECKING:
+    from pushgraph.evaluation.results import Results
 
 
 def camera(
@@ -65,7 +68,7 @@ def camera(
 COMMANDS: dict[str, Callable[..., None]] = {"camera": camera}
 
 
-def _table(results) -> Table:
+def _table(results: "Results") -> Table:
     from pushgraph.evaluation.camera import MODELS
 
     values = {(row["model"], row["metric"], row["start"]): row for row in results.rows}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -9,8 +10,12 @@ from rich.table import Table
 from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
 
+if TYPE_CHECKING:
+    from pushgraph.lever_scene import LeverScene
+    from pushgraph.lever_track import LeverTrack
 
-def lever_scene(path: Path):
+
+def lever_scene(path: Path) -> "LeverScene | None":
     """The scene in a file if that holds one in space; None if it holds anything else, or cannot be read."""
     from pushgraph.lever_scene import LeverScene
     from pushgraph.scene_file import header, read
@@ -24,7 +29,7 @@ def lever_scene(path: Path):
     return LeverScene.from_json(text, str(path))
 
 
-def predict_lever_scene(scene, model: str, out: Path, animation: str) -> None:
+def predict_lever_scene(scene: "LeverScene", model: str, out: Path, animation: str) -> None:
     """Predict by a shipped predictor or a checkpoint, and write what `write_lever_tracks` does."""
     from pushgraph.lever_physics import LeverPredictor
 
@@ -34,7 +39,7 @@ def predict_lever_scene(scene, model: str, out: Path, animation: str) -> None:
     write_lever_tracks({"Predicted": track}, out, animation)
 
 
-def simulate_lever_scene(scene, out: Path, animation: str) -> None:
+def simulate_lever_scene(scene: "LeverScene", out: Path, animation: str) -> None:
     """Simulate in MuJoCo, and write what `write_lever_tracks` does."""
     from pushgraph.simulation.lever import simulate_lever
 
@@ -43,7 +48,20 @@ def simulate_lever_scene(scene, out: Path, animation: str) -> None:
     write_lever_tracks({"Simulated": track}, out, animation)
 
 
-def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) -> None:
+def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: str) -> None:
+    """Predict and simulate, and write what `write_lever_tracks` does of both."""
+    from pushgraph.lever_physics import LeverPredictor
+    from pushgraph.simulation.lever import simulate_lever
+
+    predictor = LeverPredictor.load(model)
+    with console.status("Predicting"):
+        predicted = predictor.predict(scene)
+    with console.status("Simulating"):
+        simulated = simulate_lever(scene)
+    write_lever_tracks({"Predicted": predicted, "Simulated": simulated}, out, animation)
+
+
+def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: str) -> None:
     """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
 
@@ -60,7 +78,7 @@ def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) 
     say_files(outputs)
 
 
-def final_board_poses(tracks: Mapping[str, object]) -> Table:
+def final_board_poses(tracks: Mapping[str, "LeverTrack"]) -> Table:
     """Where the board ended in each track."""
     from pushgraph import pose_3d
     from pushgraph.lever_track import RAISED

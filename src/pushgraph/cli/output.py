@@ -1,9 +1,8 @@
 """What the commands print with."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -16,12 +15,6 @@ BAR = (
     TextColumn("left"),
     TimeRemainingColumn(),
 )
-
-
-def check_choice(option: str, value: str, valid: Sequence[str]) -> None:
-    """Refuse an option's value that is none of the valid ones."""
-    if value not in valid:
-        raise typer.BadParameter(f"{value!r}; valid: {', '.join(valid)}", param_hint=f"--{option}")
 
 
 def say_files(paths: Iterable[Path]) -> None:

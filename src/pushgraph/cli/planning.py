@@ -1,16 +1,23 @@
 """The command plan."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from rich.progress import Progress
 
-from pushgraph.cli.output import BAR, check_choice, console
+from pushgraph.cli.choices import Animation, Arm, PlanningDynamics, Risk
+from pushgraph.cli.output import BAR, console
 from pushgraph.cli.scenes import check_animation_option, final_poses, load_scene, warn
 
-RISKS = ("predicted", "expected", "percentile")
+if TYPE_CHECKING:
+    from pushgraph.planning.goal import Goal
+    from pushgraph.planning.plan import Plan
+    from pushgraph.scene import Scene
+    from pushgraph.track import Track
+
 
 
 def plan(
@@ -28,17 +35,17 @@ def plan(
         tuple[float, float], typer.Option(help="With --tools: where the end-effector comes down.")
     ] = (0.0, 0.0),
     pushes: Annotated[int, typer.Option(min=1, max=4, help="At most.")] = 3,
-    dynamics: Annotated[str, typer.Option(help="learned, or mujoco.")] = "learned",
-    risk: Annotated[str, typer.Option(help="What of the cost is made least: predicted, expected, percentile.")] = (
-        "predicted"
-    ),
+    dynamics: Annotated[
+        PlanningDynamics, typer.Option(help="What plans are tried on.")
+    ] = PlanningDynamics.LEARNED,
+    risk: Annotated[Risk, typer.Option(help="What of the cost is made least.")] = Risk.PREDICTED,
     robot: Annotated[
-        str | None, typer.Option(help="ur10: only what the scene's arm reaches.", show_default="none")
+        Arm | None, typer.Option(help="ur10: only what the scene's arm reaches.", show_default="none")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn, without --tools.")] = 0,
     execute: Annotated[bool, typer.Option("--execute", help="Simulate the plan, too.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("plan"),
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Choose the pushes that bring a body where it shall be, and the tool; say where it is expected to end, how surely.
 
@@ -55,10 +62,11 @@ def plan(
     """
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.planning import planner
+    from pushgraph.planning.costs import Cost
     from pushgraph.planning.dynamics import learned, simulated
     from pushgraph.planning.goal import Goal
     from pushgraph.planning.reach import arm_reach
-    from pushgraph.planning.risk import as_predicted, expected, percentile
+    from pushgraph.planning.risk import Score, as_predicted, expected, percentile
     from pushgraph.planning.sampling import Sampling
     from pushgraph.planning.sequences import sequences
     from pushgraph.planning.tools import load_tools
@@ -66,10 +74,6 @@ def plan(
     from pushgraph.viewer.animation import save_animation
     from pushgraph.viewer.plan import save_plan
 
-    check_choice("dynamics", dynamics, ("learned", "mujoco"))
-    check_choice("risk", risk, RISKS)
-    if robot is not None:
-        check_choice("robot", robot, ("ur10",))
     check_animation_option(animation)
     given = load_scene(scene).replace(pushes=())
     body, x, y = goal
@@ -79,6 +83,11 @@ def plan(
     chosen = load_tools("all" if tools == ["all"] else tools) if tools else []
     warn([said for said in assumptions(given) if "no pushes" not in said])
     predictor = PhysicsPredictor.load()
+    risks: dict[Risk, Callable[[Cost], Score]] = {
+        Risk.PREDICTED: as_predicted,
+        Risk.EXPECTED: expected,
+        Risk.PERCENTILE: percentile,
+    }
     known = given.with_nominal_values()
     with Progress(*BAR, console=console) as progress:
         bar = progress.add_task("planning", total=None)
@@ -90,7 +99,7 @@ def plan(
             sequences(start, pushes=pushes) if chosen else (),
             np.random.default_rng(seed),
             Sampling(pushes=pushes),
-            dict(zip(RISKS, (as_predicted, expected, percentile), strict=True))[risk],
+            risks[risk],
             arm_reach if robot else None,
             lambda done, total: progress.update(bar, completed=done, total=total),
         )
@@ -119,7 +128,7 @@ def plan(
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 
-def _executed(scene, robot: str | None, out: Path, outputs: list[Path]):
+def _executed(scene: "Scene", robot: str | None, out: Path, outputs: list[Path]) -> "Track":
     """The plan simulated, with the tool moved by itself, or held by the arm."""
     from pushgraph.simulation.planar import simulate
 
@@ -134,7 +143,7 @@ def _executed(scene, robot: str | None, out: Path, outputs: list[Path]):
     return execution.track
 
 
-def _said(planned) -> str:
+def _said(planned: "Plan") -> str:
     """The tool, and each push in a line."""
     lines = [f"Tool: {planned.tool}"]
     for number, push in enumerate(planned.pushes, start=1):
@@ -144,7 +153,7 @@ def _said(planned) -> str:
     return "\n".join(lines)
 
 
-def _distance(goal, track) -> str:
+def _distance(goal: "Goal", track: "Track") -> str:
     """How far the body ends from its goal."""
     error, turn = goal.error(track.poses[-1, 1 + track.scene.names.index(goal.body)])
     turned = "" if goal.yaw is None else f" and {np.degrees(turn):.1f} degrees"

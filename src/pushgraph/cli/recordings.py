@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Group
@@ -10,10 +10,16 @@ from rich.live import Live
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table, places_table
-from pushgraph.cli.output import check_choice, console
+from pushgraph.cli.choices import KnownMasses, KnownRelations, Up
+from pushgraph.cli.output import console
 from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import TrackError
 from pushgraph.storage import replacing
+
+if TYPE_CHECKING:
+    from pushgraph.recording.sightings import Declared
+    from pushgraph.recording.summary import NodeSummary
+    from pushgraph.regulator import BeliefRegulator
 
 FRAMES_PER_REFRESH = 10
 """Of the live table."""
@@ -28,7 +34,7 @@ _Axes = Annotated[
     str | None, typer.Option(help="The file's axes that are the world's x and y: x,-y or -y,x; mirrored, swapped.")
 ]
 _Frame = Annotated[str | None, typer.Option(help="'x y yaw' of the file's origin in the world, in its own units.")]
-_Up = Annotated[str | None, typer.Option(help="Axis of spatial poses that points off the table: x, y or z.")]
+_Up = Annotated[Up | None, typer.Option(help="Axis of spatial poses that points off the table.")]
 _Lag = Annotated[
     float | None, typer.Option(help="Seconds by which the robot's clock is behind.", show_default="estimated")
 ]
@@ -41,11 +47,11 @@ def observe(
     track: Annotated[Path, typer.Argument(help="What was seen: CSV, HDF5, Motive, ROS bag, MCAP, LeRobot parquet.")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("observed"),
     relations: Annotated[
-        str, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
-    ] = "none",
+        KnownRelations, typer.Option(help="none: nothing is known of joints; given: what the scene says of them holds.")
+    ] = KnownRelations.NONE,
     masses: Annotated[
-        str, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
-    ] = "given",
+        KnownMasses, typer.Option(help="given: those that the scene leaves out are learnt; unknown: all are.")
+    ] = KnownMasses.GIVEN,
     prior: Annotated[
         str | None,
         typer.Option(
@@ -90,8 +96,6 @@ def observe(
     from pushgraph.recording.sightings import ReadOptions
     from pushgraph.viewer.beliefs import save_beliefs
 
-    check_choice("relations", relations, ("none", "given"))
-    check_choice("masses", masses, ("given", "unknown"))
     loaded = load_scene(scene)
     recording = read_recording(
         track,
@@ -107,7 +111,7 @@ def observe(
     sensor = seen.wrench is not None
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
-        def show(frame: int, regulator) -> None:
+        def show(frame: int, regulator: "BeliefRegulator") -> None:
             if frame % FRAMES_PER_REFRESH == 0:
                 after = f"after {regulator.frames} frames"
                 tables = [joints_table(f"Likeliest joints {after}", regulator.pairs, regulator.probabilities)]
@@ -219,7 +223,7 @@ def _pairs(names: Sequence[str] | None) -> dict[str, str]:
     return pairs
 
 
-def _declared(units: str | None, axes: str | None, frame: str | None):
+def _declared(units: str | None, axes: str | None, frame: str | None) -> "Declared":
     from pushgraph.recording.convention import declared_units
     from pushgraph.recording.sightings import Declared
 
@@ -232,7 +236,7 @@ def _print_findings(findings: Iterable[object]) -> None:
         console.print(f"Note: {finding}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _summary_table(file: Path, summaries) -> Table:
+def _summary_table(file: Path, summaries: Iterable["NodeSummary"]) -> Table:
     table = Table(title=f"Seen in {file.name}")
     for column in ("name", "sightings", "lost", "Hz", "from (s)", "to (s)", "gaps", "longest", "jumps"):
         table.add_column(column, justify="left" if column == "name" else "right")

@@ -1,91 +1,37 @@
-"""The commands about one scene: demo, predict, simulate."""
+"""The commands about one scene: predict, simulate."""
 
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from pushgraph.cli.beliefs import joints_table, masses_table
+from pushgraph.cli.choices import Animation, Masses, Relations, Robot
 from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
-from pushgraph.cli.output import check_choice, console, say_files
+from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
+
+if TYPE_CHECKING:
+    from pushgraph.scene import Scene
+    from pushgraph.track import Track
 
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
 SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
-) -> None:
-    """Predict the shipped scene, simulate the same, and compare; then watch it, and predict what is believed.
-
-    Writes tables, pictures and an animation.
-
-    Example: `pushgraph demo --out demo`
-    """
-    from pushgraph.physics import PhysicsPredictor
-    from pushgraph.regulator import BeliefRegulator
-    from pushgraph.simulation.planar import simulate
-    from pushgraph.viewer.animation import save_animation
-    from pushgraph.viewer.beliefs import save_believed_predictions
-    from pushgraph.viewer.picture import save_comparison
-
-    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
-    with console.status("Predicting"):
-        predicted = predictor.predict(scene, spread=True)
-    with console.status("Simulating"):
-        simulated = simulate(scene)
-    with console.status("Watching"):
-        regulator = BeliefRegulator(scene, weigh=True)
-        believed = _predicted_while_watching(regulator, predictor, simulated)
-    tracks = {"Predicted": predicted, "Simulated": simulated}
-    outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png", out / "animation.gif"]
-    outputs.append(out / "beliefs.png")
-    with console.status("Drawing"):
-        for track, path in zip(tracks.values(), outputs, strict=False):
-            track.save(path)
-        save_comparison(tracks, outputs[2])
-        save_animation(tracks, outputs[3])
-        save_believed_predictions(simulated, believed, regulator.pairs, outputs[4])
-    console.print(_differences(predicted, simulated))
-    after = f"after {regulator.frames} frames"
-    console.print(joints_table(f"Believed {after}", regulator.pairs, regulator.probabilities))
-    console.print(masses_table(f"Masses believed {after}", regulator.masses(), scene, sensor=False))
-    say_files(outputs)
-
-
-def _predicted_while_watching(regulator, predictor, track) -> dict:
-    """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
-    from pushgraph.belief_history import joined_as
-    from pushgraph.mass_history import with_masses
-    from pushgraph.viewer.beliefs import Moment
-
-    frames = len(track.times)
-    moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
-    found = {}
-    for frame, (poses, down) in enumerate(track.frames()):
-        probabilities = regulator.observe(poses, down)
-        if frame in moments:
-            masses = regulator.masses()
-            scene = with_masses(joined_as(regulator.scene(), track.scene), masses)
-            found[moments[frame]] = Moment(predictor.predict_many([scene])[0], probabilities, masses)
-    return found
-
-
 def predict(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     relations: Annotated[
-        str, typer.Option(help="given; none: as if nothing were joined; believed: those of --beliefs.")
-    ] = "given",
+        Relations, typer.Option(help="none: as if nothing were joined; believed: those of --beliefs.")
+    ] = Relations.GIVEN,
     masses: Annotated[
-        str, typer.Option(help="given; mean: as if no mass were known; believed: the medians of --beliefs.")
-    ] = "given",
+        Masses, typer.Option(help="mean: as if no mass were known; believed: the medians of --beliefs.")
+    ] = Masses.GIVEN,
     beliefs: Annotated[Path | None, typer.Option(help="What pushgraph observe wrote (JSON).")] = None,
     model: Annotated[
         str | None,
@@ -98,7 +44,7 @@ def predict(
         Path | None, typer.Option(help="What pushgraph adapt wrote: of bodies that bear the names of its shapes.")
     ] = None,
     surface: Annotated[str, typer.Option(help="With --adaptation: the table's, as named there.")] = "",
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
 
@@ -118,8 +64,6 @@ def predict(
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.plausibility import assumptions, simplifications
 
-    check_choice("relations", relations, ("given", "none", "believed"))
-    check_choice("masses", masses, ("given", "mean", "believed"))
     for option, value in (("relations", relations), ("masses", masses)):
         if value == "believed" and beliefs is None:
             raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
@@ -163,12 +107,12 @@ def simulate(
     scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
     robot: Annotated[
-        str, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
-    ] = "kinematic",
+        Robot, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
+    ] = Robot.KINEMATIC,
     render: Annotated[
         Path | None, typer.Option(help="Also show the arm at work: a .gif, or an .mp4 (needs ffmpeg).")
     ] = None,
-    animation: Annotated[str, typer.Option(help="gif, mp4 (needs ffmpeg) or none.")] = "gif",
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Simulate a scene's pushes in MuJoCo: track (HDF5, CSV), picture, animation, table of final poses.
 
@@ -186,7 +130,6 @@ def simulate(
     `pushgraph simulate lever-up`
     """
     check_animation_option(animation)
-    check_choice("robot", robot, ("kinematic", "ur10"))
     if render is not None and robot != "ur10":
         raise typer.BadParameter("needs --robot ur10", param_hint="--render")
     folder = out or Path(Path(scene).stem)
@@ -229,7 +172,7 @@ def _simulate_with_arm(source: str, out: Path, animation: str, render: Path | No
     _write_track(execution.track, out, animation, outputs)
 
 
-def _with_nominal_values(source: str):
+def _with_nominal_values(source: str) -> "Scene":
     from pushgraph.plausibility import assumptions
 
     scene = load_scene(source)
@@ -241,7 +184,6 @@ def check_animation_option(animation: str) -> None:
     """Refuse an animation that cannot be made, before anything else is done."""
     from pushgraph.viewer.animation import check_animation
 
-    check_choice("animation", animation, ("gif", "mp4", "none"))
     if animation != "none":
         check_animation(f"animation.{animation}")
 
@@ -252,7 +194,7 @@ def warn(sentences: list[str]) -> None:
         console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
 
 
-def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ()) -> None:
+def _write_track(track: "Track", out: Path, animation: str, written: Sequence[Path] = ()) -> None:
     """Write a track and what shows it; `written`: what has been already."""
     from pushgraph.plausibility import remarks
     from pushgraph.viewer.animation import save_animation
@@ -277,7 +219,7 @@ def scene_path(source: str) -> Path:
     return shipped if shipped in SHIPPED_SCENES.glob("*.json") and not Path(source).is_file() else Path(source)
 
 
-def load_scene(source: str):
+def load_scene(source: str) -> "Scene":
     """The scene in a file, or a shipped one by name."""
     from pushgraph.scene import Scene
 
@@ -290,11 +232,11 @@ def load_scene(source: str):
         raise
 
 
-def final_poses(track) -> Table:
+def final_poses(track: "Track") -> Table:
     """Where everything ended, and how far off that may be, if the track states it."""
     table = Table(title=f"Final poses after {len(track.scene.pushes)} pushes, {track.times[-1]:.2f} s")
     columns = ["body", "x (m)", "y (m)", "yaw (deg)", "moved (cm)", "turned (deg)"]
-    stated = _stated_at_the_end(track)
+    stated = stated_at_the_end(track)
     if track.spread is not None:
         columns += SPREAD_COLUMNS
         table.caption = SPREAD_CAPTION
@@ -309,7 +251,7 @@ def final_poses(track) -> Table:
     return table
 
 
-def _stated_at_the_end(track) -> list[list[str]]:
+def stated_at_the_end(track: "Track") -> list[list[str]]:
     """For every body the longer half-axis of its 68 % ellipse and half its 68 % interval; nothing if none is stated."""
     if track.spread is None:
         return [[] for _ in track.scene.bodies]
@@ -317,17 +259,3 @@ def _stated_at_the_end(track) -> list[list[str]]:
     ellipse, turn = final.ellipse(0.68), np.degrees(final.yaw_interval(0.68))
     longest = 100 * np.maximum(ellipse.along, ellipse.across)
     return [[f"{a:.2f}", f"{b:.1f}"] for a, b in zip(longest, turn, strict=True)]
-
-
-def _differences(predicted, simulated) -> Table:
-    table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
-    for name in ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)", *SPREAD_COLUMNS):
-        table.add_column(name, justify="left" if name == "body" else "right")
-    change = simulated.poses[-1] - simulated.poses[0]
-    off, stated = predicted.poses[-1] - simulated.poses[-1], _stated_at_the_end(predicted)
-    for node, name in enumerate(simulated.nodes[1:], start=1):
-        lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
-        angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
-        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1], *stated[node - 1])
-    table.caption = SPREAD_CAPTION
-    return table

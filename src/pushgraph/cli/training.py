@@ -2,14 +2,21 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich import progress
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from pushgraph.cli.choices import Precision, networks, one_of
 from pushgraph.cli.output import console
+
+if TYPE_CHECKING:
+    from pushgraph.training.recipe import Training
+    from pushgraph.training.running import Progress
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
@@ -17,7 +24,7 @@ CORES = os.cpu_count() or 1
 _Data = Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")]
 _Validation = Annotated[Path, typer.Option(help="Scenes on which the weights are chosen.")]
 _Out = Annotated[Path, typer.Option(help="The checkpoint, safetensors.")]
-_Precision = Annotated[str, typer.Option(help="float32 or bfloat16.")]
+_Precision = Annotated[Precision, typer.Option(help="What networks compute in.")]
 _Seed = Annotated[int, typer.Option(min=0, help="Of first weights and batches.")]
 _StartFrom = Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")]
 _Processes = Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")]
@@ -35,14 +42,16 @@ def physics(
     data: _Data,
     validation: _Validation,
     out: _Out,
-    model: Annotated[str, typer.Option(help="contact (ours) or propnet (the paper's).")] = "contact",
+    model: Annotated[
+        str, typer.Option(help="contact (ours) or propnet (the paper's).", **one_of(networks("physics")))
+    ] = "contact",
     samples: Annotated[int, typer.Option(min=1, help="Predicted frames of training windows, all in all.")] = 20_000_000,
     frames: Annotated[int, typer.Option(min=1, help="Frames predicted in a row.")] = 4,
     batch: Annotated[int, typer.Option(min=1, help="Windows in a step, over all processes.")] = 256,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the network.")] = 48,
     propagation_steps: Annotated[int, typer.Option(min=1, help="Steps in which messages travel.")] = 2,
-    precision: _Precision = "float32",
+    precision: _Precision = Precision.FLOAT32,
     seed: _Seed = 0,
     start_from: _StartFrom = None,
     processes: _Processes = CORES,
@@ -70,7 +79,7 @@ def physics(
         learning_rate=learning_rate,
         hidden=hidden,
         propagation_steps=propagation_steps,
-        precision=precision,
+        precision=precision.value,
         seed=seed,
         start_from=None if start_from is None else str(start_from),
     )
@@ -82,13 +91,15 @@ def belief(
     data: _Data,
     validation: _Validation,
     out: _Out,
-    model: Annotated[str, typer.Option(help="belief (ours) or paper_recipe.")] = "belief",
+    model: Annotated[
+        str, typer.Option(help="belief (ours) or paper_recipe.", **one_of(networks("belief")))
+    ] = "belief",
     samples: Annotated[int, typer.Option(min=1, help="Observed frames of sequences, all in all.")] = 10_000_000,
     frames: Annotated[int, typer.Option(min=2, help="Frames observed in a row.")] = 200,
     batch: Annotated[int, typer.Option(min=1, help="Sequences in a step, over all processes.")] = 16,
     learning_rate: Annotated[float, typer.Option(help="Its peak.")] = 2e-3,
     hidden: Annotated[int, typer.Option(min=1, help="Width of the memory.")] = 64,
-    precision: _Precision = "float32",
+    precision: _Precision = Precision.FLOAT32,
     seed: _Seed = 0,
     start_from: _StartFrom = None,
     physics: Annotated[
@@ -126,7 +137,7 @@ def belief(
         batch=batch,
         learning_rate=learning_rate,
         hidden=hidden,
-        precision=precision,
+        precision=precision.value,
         seed=seed,
         start_from=None if start_from is None else str(start_from),
         physics=None if physics is None else str(physics),
@@ -183,7 +194,9 @@ def lever_up(
     data: Annotated[Path, typer.Option(help="Training data, from pushgraph generate lever-up.")],
     validation: Annotated[Path, typer.Option(help="Interactions on which the weights are chosen.")],
     out: _Out,
-    model: Annotated[str, typer.Option(help="lever_up (ours) or lever_up_propnet (the paper's).")] = "lever_up",
+    model: Annotated[
+        str, typer.Option(help="lever_up (ours) or lever_up_propnet (the paper's).", **one_of(networks("lever-up")))
+    ] = "lever_up",
     interactions: Annotated[
         int | None, typer.Option(min=1, help="Use the first of the data alone.", show_default="all")
     ] = None,
@@ -253,7 +266,15 @@ _SPREAD_COLUMNS = {
 """What a validation tells, by the names of its columns; belief's errors are shares of touched pairs."""
 
 
-def _conduct(training, train, processes: int, device: str, cache: Path | None, out: Path, columns) -> None:
+def _conduct(
+    training: "Training",
+    train: "Callable[[Any, Path, Path, str, Callable[[Progress, float], None]], Progress | None]",
+    processes: int,
+    device: str,
+    cache: Path | None,
+    out: Path,
+    columns: dict[str, str],
+) -> None:
     from pushgraph.storage import cache_folder
     from pushgraph.training.processes import become_torchrun, started_by_torchrun
     from pushgraph.viewer.curve import save_curve
@@ -275,10 +296,10 @@ def _conduct(training, train, processes: int, device: str, cache: Path | None, o
 class _TrainingReporter:
     """Shows how a training goes: a bar with the time left, a line a validation, at the end curve and table."""
 
-    def __init__(self, training, columns: dict[str, str]) -> None:
+    def __init__(self, training: "Training", columns: dict[str, str]) -> None:
         self._training, self._columns = training, columns
         self._leads = os.environ.get("RANK", "0") == "0"
-        self.progress = Progress(
+        self.progress = progress.Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
             TextColumn("{task.percentage:.1f} %"),
@@ -290,9 +311,9 @@ class _TrainingReporter:
             disable=not self._leads,
         )
         self._bar = self.progress.add_task(f"{training.TASK}, {training.model}", total=training.steps, loss="")
-        self._told = None
+        self._told: int | None = None
 
-    def tell(self, now, loss: float) -> None:
+    def tell(self, now: "Progress", loss: float) -> None:
         if not self._leads:
             return
         if self._told is None:
@@ -311,7 +332,7 @@ class _TrainingReporter:
                 soft_wrap=True,
             )
 
-    def table(self, now) -> Table:
+    def table(self, now: "Progress") -> Table:
         table = Table(title="Validation")
         for name in ("step", "time (s)", "loss", *self._columns):
             table.add_column(name, justify="right")

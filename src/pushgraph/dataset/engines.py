@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 
@@ -51,7 +51,7 @@ def run_on_ray(work: Callable[[Task], Result], tasks: Sequence[Task], workers: i
         address = os.environ.get("RAY_ADDRESS")
         ray.init(**({"address": address} if address else {"num_cpus": workers}), log_to_driver=False)
     try:
-        remote = ray.remote(num_cpus=1, max_retries=3)(_single_threaded_work)
+        remote: Any = ray.remote(num_cpus=1, max_retries=3)(_single_threaded_work)
         waiting = {remote.remote(work, task): task for task in tasks}
         while waiting:
             done, _ = ray.wait(list(waiting), num_returns=1)

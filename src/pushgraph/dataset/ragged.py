@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
@@ -67,6 +67,9 @@ class Layout(NamedTuple):
     measured_by: Mapping[str, str]
 
 
+Opened = TypeVar("Opened", bound="RaggedFile")
+
+
 class RaggedFile:
     """Base of datasets open for reading. Raises DatasetError if the file is not whole."""
 
@@ -96,7 +99,7 @@ class RaggedFile:
             }
             self.summary: np.ndarray = self.entries["summary"]
 
-    def __enter__(self):
+    def __enter__(self: "Opened") -> "Opened":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -18,11 +18,9 @@ from pushgraph.planning.admissible import CLEARANCE
 from pushgraph.planning.costs import TURN_ARM
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.scene import Scene
-from pushgraph.simulation.setups import draw_setup
+from pushgraph.simulation.setups import EPISODIC, SETUPS, draw_setup
 from pushgraph.tool import Push
 
-SETUPS = ("multiple-parts", "jointed", "different-masses")
-"""Setups whose scenes can be drawn as episodes begin: all of as many bodies, and the same tool."""
 DYNAMICS = ("learned", "mujoco")
 REFUSED = 0.05
 """What a push costs that is refused (m)."""
@@ -205,8 +203,9 @@ def _checked_setup(scenes: str | Scene | Sequence[Scene], goal: Goal | None) -> 
     """Empty if the scenes are given."""
     if not isinstance(scenes, str):
         return ""
-    if scenes not in SETUPS:
-        raise EpisodeError(f"scenes: no setup {scenes!r}; valid: {', '.join(SETUPS)}, a scene, or several")
+    if scenes not in EPISODIC:
+        valid = ", ".join(name for name in SETUPS if name in EPISODIC)
+        raise EpisodeError(f"scenes: no setup {scenes!r}; valid: {valid}, a scene, or several")
     if goal is not None:
         raise EpisodeError("goal: a setup's scenes differ, so each episode draws its goal; give scenes to fix one")
     return scenes

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -51,6 +51,11 @@ class Answers(NamedTuple):
     closed: Int[np.ndarray, "times pairs"]
     of_pieces: Int[np.ndarray, "times pairs"]
     top: Float[np.ndarray, "times pairs"] | None
+
+    def of_scene(self, index: int) -> "Answers":
+        """Those of one of many scenes."""
+        top = None if self.top is None else self.top[index]
+        return Answers(self.likeliest[index], self.closed[index], self.of_pieces[index], top)
 
 
 class PlaceErrors(NamedTuple):
@@ -120,7 +125,8 @@ def answer_block(block: Block) -> list[SceneAnswers]:
     of_pieces = between_pieces(scenes, listed)
 
     known = [torch.where(touched, kind[:, None], JOINT_CODES["none"]) for kind in (listed, joint)]
-    informed = Answers(*_arrays(known[0], close(scenes, known[1]), _of_pieces(scenes, known[0])), None)
+    told = _arrays(known[0], close(scenes, known[1]), _of_pieces(scenes, known[0]))
+    informed = Answers(told[0], told[1], told[2], None)
     answers = {(INFORMED, noise): informed for noise in NOISES}
     places: dict[tuple[str, str], PlaceErrors] = {}
     # All noises are watched side by side.
@@ -133,15 +139,16 @@ def answer_block(block: Block) -> list[SceneAnswers]:
         errors = place_errors(watched.relations, joint_places(end.view.state, end.view.fits))
         of_noises = (values.chunk(len(NOISES)) for values in (likeliest, top, *errors))
         for noise, kind, certain, *error in zip(NOISES, *of_noises, strict=True):
-            answered = _arrays(kind, close(scenes, kind), _of_pieces(scenes, kind), certain)
-            answers[name, noise] = Answers(*answered)
+            answers[name, noise] = Answers(*_arrays(kind, close(scenes, kind), _of_pieces(scenes, kind), certain))
             places[name, noise] = PlaceErrors(*_arrays(*error))
     return [
         SceneAnswers(
             block.objects,
-            *_arrays(joint[k], listed[k], of_pieces[k]),
+            joint[k].numpy(),
+            listed[k].numpy(),
+            of_pieces[k].numpy(),
             {pairs: some[k].numpy() for pairs, some in chosen.items()},
-            {key: Answers(*(None if part is None else part[k] for part in told)) for key, told in answers.items()},
+            {key: answered.of_scene(k) for key, answered in answers.items()},
             {key: PlaceErrors(error.anchor[k], error.axis[k]) for key, error in places.items()},
         )
         for k in range(len(tracks))
@@ -179,7 +186,8 @@ def certainty(
 ) -> tuple[Float[np.ndarray, " values"], Bool[np.ndarray, " values"]]:
     """Probabilities of the likeliest answers about some pairs at OBSERVED[time], and whether those are right."""
     told = [(scene.answers[model, noise], scene.chosen[pairs][time]) for scene in scenes]
-    top = [answers.top[time][chosen] for answers, chosen in told]
+    top = [answers.top[time][chosen] for answers, chosen in told if answers.top is not None]
+    assert len(top) == len(told), f"of {model} it cannot be asked how sure it is"
     right = [(a.likeliest[time] == scene.joint)[chosen] for scene, (a, chosen) in zip(scenes, told, strict=True)]
     return np.concatenate(top), np.concatenate(right)
 
@@ -206,7 +214,14 @@ def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Se
             scene, truth, said = chosen.nonzero()[0], joint[chosen], answered[:, time][chosen]
             labels = {"objects": objects, "observed_frames": observed, "pairs": pairs, "noise": noise}
 
-            def add(metric: str, right: np.ndarray, of: np.ndarray, joint: str = "all", scene=scene, labels=labels):
+            def add(
+                metric: str,
+                right: np.ndarray,
+                of: np.ndarray,
+                joint: str = "all",
+                scene: np.ndarray = scene,
+                labels: dict[str, Any] = labels,
+            ) -> None:
                 results.add(model, metric, "1", right[of].astype(float), scene[of], **labels, joint=joint)
 
             everything = np.ones_like(truth, dtype=bool)
@@ -224,7 +239,7 @@ def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Se
 
 
 def _add_place_rows(
-    results: Results, model: str, noise: str, scenes: Sequence[SceneAnswers], pairs: str, labels
+    results: Results, model: str, noise: str, scenes: Sequence[SceneAnswers], pairs: str, labels: dict[str, Any]
 ) -> None:
     """How far joints that were told right sit from the true ones, in the median."""
     chosen = np.stack([scene.chosen[pairs][-1] for scene in scenes])

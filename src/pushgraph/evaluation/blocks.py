@@ -21,7 +21,7 @@ class Block(NamedTuple):
     objects: int
     seed: int
     first: int
-    count: int
+    count: int  # type: ignore[assignment]  # a tuple's own `count` is of no use here
     models: tuple[tuple[str, str], ...]
     setup: str = SETUP
 

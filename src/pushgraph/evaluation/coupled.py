@@ -26,7 +26,7 @@ from pushgraph.graph.scene_batch import (
     remember,
 )
 from pushgraph.graph.state import ADJACENT, State
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.physics import PhysicsPredictor, rollout
 
 STARTS = tuple(range(0, 101, 10))
@@ -64,8 +64,8 @@ def evaluate_coupled(
         for k, observed in enumerate(STARTS):
             for model in MODELS:
                 errors = np.array([100 * scene.errors[model][k] for scene in some])
-                labels = {"objects": number, "observed_frames": observed}
-                results.add(model, "error_cm", "cm", errors, np.arange(len(errors)), **labels)
+                scene = np.arange(len(errors))
+                results.add(model, "error_cm", "cm", errors, scene, objects=number, observed_frames=observed)
     return results, scenes
 
 

@@ -64,7 +64,7 @@ def save_belief_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLik
     numbers = sorted({row["objects"] for row in rows})
     figure = Figure(figsize=(13, 3.4 * len(numbers) + 0.6), layout="constrained")
     grid = figure.subplots(len(numbers), 3, squeeze=False, sharex=True, sharey="col")
-    curves = defaultdict(dict)
+    curves: defaultdict[tuple[Any, ...], dict[int, float]] = defaultdict(dict)
     for row in rows:
         key = tuple(row[name] for name in ("objects", "metric", "model", "joint"))
         curves[key][row["observed_frames"]] = row["value"]

@@ -3,14 +3,14 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.metrics import RolloutError
 from pushgraph.evaluation.noise_floor import CAMERA, simulate_again
-from pushgraph.evaluation.results import Results
+from pushgraph.evaluation.results import Results, Statistic
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.shape import Cuboid
 from pushgraph.track import Track
@@ -38,10 +38,11 @@ def evaluate_physics(
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    setup: str = SETUP,
 ) -> tuple[Results, list[SceneErrors]]:
     """Measure predictors on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress)
-    results = Results("physics", {"setup": SETUP, "count": count, "seed": seed}, ("objects", "frames", "density"))
+    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress, setup)
+    results = Results("physics", {"setup": setup, "count": count, "seed": seed}, ("objects", "frames", "density"))
     for number in objects:
         for frames in HORIZONS:
             for density in DENSITIES:
@@ -89,14 +90,14 @@ def _still(track: Track) -> Track:
     return Track(track.scene, track.times, poses, track.push, track.seen)
 
 
-def _add_rows(results: Results, model: str, scenes: Sequence[SceneErrors], **labels: object) -> None:
-    there = [scene for scene in scenes if (model, labels["frames"]) in scene.errors]
-    errors = [scene.errors[model, labels["frames"]] for scene in there]
+def _add_rows(results: Results, model: str, scenes: Sequence[SceneErrors], frames: int, **labels: Any) -> None:
+    there = [scene for scene in scenes if (model, frames) in scene.errors]
+    errors = [scene.errors[model, frames] for scene in there]
 
-    def add(metric: str, unit: str, values: list[np.ndarray], statistic: str = "mean") -> None:
+    def add(metric: str, unit: str, values: list[np.ndarray], statistic: Statistic = "mean") -> None:
         scene = np.repeat(np.arange(len(values)), [len(of_scene) for of_scene in values])
         flat = np.concatenate(values) if values else np.zeros(0)
-        results.add(model, metric, unit, flat, scene, statistic, **labels)
+        results.add(model, metric, unit, flat, scene, statistic, frames=frames, **labels)
 
     means = [np.array([100 * error.mean]) for error in errors]
     moved = [100 * error.final[error.moved] for error in errors]

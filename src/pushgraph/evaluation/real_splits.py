@@ -13,7 +13,7 @@ from pushgraph.dataset.engines import run_in_processes
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.gaussian_baselines import gaussian_ends
 from pushgraph.evaluation.real import Measured, errors_of, measured
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.real_pushes import RealPushes
 from pushgraph.storage import replacing
@@ -121,7 +121,7 @@ def _measure(job: Job) -> None:
     columns = {f"{one.model}.errors": one.errors for one in some}
     columns |= {f"{one.model}.held": one.held for one in some if one.held is not None}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]
+        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]  # names of columns are no settings
 
 
 def _adapted(job: Job, dynamics: Dynamics) -> Adaptation:

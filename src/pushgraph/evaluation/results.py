@@ -38,6 +38,7 @@ def _max(values: np.ndarray, scene: np.ndarray, weights: np.ndarray) -> np.ndarr
     return np.where(weights > 0, highest, -np.inf).max(1)
 
 
+Statistic = Literal["mean", "median", "max"]
 _STATISTICS = {"mean": _mean, "median": _median, "max": _max}
 
 
@@ -71,7 +72,7 @@ class Results:
         unit: str,
         values: Float[np.ndarray, " values"],
         scene: Int[np.ndarray, " values"],
-        statistic: Literal["mean", "median", "max"] = "mean",
+        statistic: Statistic = "mean",
         **labels: Any,
     ) -> None:
         """Add a statistic of values, each measured in a scene, with its 95 % bootstrap interval over scenes.
@@ -142,9 +143,8 @@ class Results:
                 raise ValueError(f"{model}, {metric}: {value} is not a number to report")
             resampled = [statistic(scene, some) for some in np.array_split(_resamples(count), 20)]
             low, high = (float(bound) for bound in np.percentile(np.concatenate(resampled), [2.5, 97.5]))
-        self.rows.append(
-            {"model": model, "metric": metric, "value": value, "low": low, "high": high, "unit": unit} | labels
-        )
+        row = {"model": model, "metric": metric, "value": value, "low": low, "high": high, "unit": unit}
+        self.rows.append({**row, **labels})
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the results as JSON."""

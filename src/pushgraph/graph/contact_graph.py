@@ -207,8 +207,8 @@ def _narrow_phase(state: State, control: Control, middle: State, middle_control:
     half_extents, radius = of_ends(reach.shapes.half_extents), of_ends(reach.shapes.radius)
 
     def touch(poses: Tensor, chosen: Tensor | slice) -> Contact:
-        boxes = (RoundedBox(half_extents[end][chosen], radius[end][chosen]) for end in range(2))
-        return contact_between(*boxes, pose.relative(*poses))
+        first, second = (RoundedBox(half_extents[end][chosen], radius[end][chosen]) for end in range(2))
+        return contact_between(first, second, pose.relative(*poses))
 
     contact = touch(poses, slice(None))
     at_start = contact.gap < -PASSED
@@ -221,8 +221,11 @@ def _narrow_phase(state: State, control: Control, middle: State, middle_control:
     fade = ((widest - contact.gap) / (widest / 3)).clamp(0, 1)
     fade = torch.where(contact.gap < reach.keep, 1.0, fade)
     tied = tied_to(reach.moving.long(), reach.slots, reach.immovable.flatten(), fade > 0)[0]
+    scene, pair, first, second, slots = (
+        rows.index_select(-1, tied) for rows in (reach.scene, reach.pair, reach.first, reach.second, reach.slots)
+    )
     return _Pairs(
-        *(rows.index_select(-1, tied) for rows in (reach.scene, reach.pair, reach.first, reach.second, reach.slots)),
+        *(scene, pair, first, second, slots),
         poses=poses.index_select(1, tied),
         contact=Contact(*(values.index_select(0, tied) for values in contact)),
         at_start=at_start.index_select(0, tied),
@@ -325,8 +328,8 @@ def _contacts(state: State, pairs: _Pairs, edges: Edges, nodes: Nodes) -> Contac
     first, second = edges.first[edge], edges.second[edge]
     poses = pairs.poses[0][edge]
     arms = []
-    for node, points in ((first, pairs.contact.points_a), (second, pairs.contact.points_b)):
-        point = pose.rotate(points[edge, number], poses[:, 2])
+    for node, ends in ((first, pairs.contact.points_a), (second, pairs.contact.points_b)):
+        point = pose.rotate(ends[edge, number], poses[:, 2])
         arms.append(_arm(nodes, node, poses, point, pairs.at_start[edge]))
     points = Points(edge, first, second, *arms)
     normal = edges.normal[:, edge]
@@ -400,7 +403,8 @@ def _arm(nodes: Nodes, node: Tensor, poses: Tensor, point: Tensor, at_start: Ten
 def _moved_halfway(nodes: Nodes, points: Points, at_start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """How points have come to stand against each other since the start of the step, where the geometry is later."""
     later = ~at_start.index_select(0, points.edge)
-    return tuple(motion * later for motion in relative_motion(points, nodes.last_twist / 2))
+    x, y, turn = relative_motion(points, nodes.last_twist / 2)
+    return x * later, y * later, turn * later
 
 
 def relative_motion(

@@ -25,7 +25,7 @@ SENSED = 1e-6
 class Dynamics(Protocol):
     """What predicts a step; see `pushgraph.network.dynamics`."""
 
-    def __call__(self, state: State, control: Control) -> "Motion":
+    def __call__(self, state: State, control: Control, /) -> "Motion":
         """What a step does."""
 
 
@@ -33,7 +33,9 @@ class Dynamics(Protocol):
 class Motion(Protocol):
     """What a step does."""
 
-    motion: Float[Tensor, "batch bodies 3"]
+    @property
+    def motion(self) -> Float[Tensor, "batch bodies 3"]:
+        """How each body's pose changes."""
 
 
 class Felt(NamedTuple):

@@ -17,7 +17,7 @@ class Pieces(NamedTuple):
     there (m^2). immovable: whether it holds a body that cannot move.
     """
 
-    index: Int[Tensor, "batch bodies"]
+    index: Int[Tensor, "batch bodies"]  # type: ignore[assignment]  # a tuple's own `index` is of no use here
     mass: Float[Tensor, "batch bodies"]
     centre: Float[Tensor, "batch bodies 2"]
     gyration: Float[Tensor, "batch bodies"]

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from pushgraph.scene import (
     Scene,
     place_joint,
 )
-from pushgraph.shape import rounded_boxes
+from pushgraph.shape import rounded_boxes, simple
 from pushgraph.simulation.feet import feet_of
 
 JOINT_CODES = {"none": 0, "fixed": 1, "prismatic": 2, "revolute": 3}
@@ -141,7 +141,7 @@ def batch_scenes(scenes: Sequence[Scene], patches: Sequence[Mapping[int, BodyPat
     for k, scene in enumerate(scenes):
         n = len(scene.bodies)
         columns["present"][k, :n] = True
-        columns["core"][k, :n] = [body.shape.core for body in scene.bodies]
+        columns["core"][k, :n] = [simple(body.shape).core for body in scene.bodies]
         columns["is_cylinder"][k, :n] = [body.shape.kind == "cylinder" for body in scene.bodies]
         columns["mass"][k, :n] = [NOMINAL_MASS if body.mass is None else body.mass for body in scene.bodies]
         columns["mass_known"][k, :n] = [body.mass is not None for body in scene.bodies]
@@ -353,8 +353,8 @@ def _joint_frames(scenes: Sequence[Scene], jointed: Sequence[_Jointed]) -> list[
         return []
     ends = [[scenes[one.scene].bodies[getattr(one, end)] for one in jointed] for end in ("parent", "child")]
     poses = [np.array([body.pose_world_from_body for body in bodies]) for bodies in ends]
-    boxes = [rounded_boxes([body.shape for body in bodies]) for bodies in ends]
-    touch = contact_between(*boxes, torch.from_numpy(pose.relative(*poses)))
+    parents, children = (rounded_boxes([simple(body.shape) for body in bodies]) for bodies in ends)
+    touch = contact_between(parents, children, torch.from_numpy(pose.relative(*poses)))
     columns = zip(jointed, *poses, touch.gap.tolist(), touch.middle.numpy(), strict=True)
     return [place_joint(one.joint, *place) for one, *place in columns]
 
@@ -376,7 +376,7 @@ def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
     if not isinstance(batches[0], tuple | Tensor):
         return batches[0]
     if isinstance(batches[0], Tensor):
-        return function(*batches)
+        return cast(Batch, function(*batches))
     return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))
 
 

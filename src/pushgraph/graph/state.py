@@ -1,6 +1,7 @@
 """Where everything is in a frame, and what the robot does next."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -95,7 +96,7 @@ def controls(
     motion = torch.where(stays_down[..., None], tool.diff(dim=1), 0.0)
     pace = motion / frames.clamp(min=1e-9)[..., None]
     last = torch.cat((torch.zeros_like(pace[:, :1]), pace[:, :-1]), 1)
-    limits = [math.inf] * motion.shape[1] if force_limit is None else force_limit.unbind(1)
+    limits: Sequence[Tensor | float] = [math.inf] * motion.shape[1] if force_limit is None else force_limit.unbind(1)
     return [
         Control(tool[:, k], motion[:, k], last[:, k], stays_down[:, k], frames[:, k], frames[:, max(k - 1, 0)], limit)
         for k, limit in enumerate(limits)

@@ -8,7 +8,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from pushgraph.graph.state import Control, State
-from pushgraph.network.dynamics import Advance, Dynamics
+from pushgraph.network.contract import Advance, Dynamics
 
 
 class OnceWhileAlike:

@@ -4,7 +4,7 @@ Two recipes behind one interface: `belief` is ours, `paper_recipe` feeds the pla
 its LSTM (paper, section on belief regulation; there object and relation functions are swapped in the equations).
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -16,7 +16,7 @@ from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.watching import Frame
 from pushgraph.network import mass_noise
 from pushgraph.network.contact_problem import CONTACT_STATE
-from pushgraph.network.dynamics import Foresight
+from pushgraph.network.contract import Foresight, Schema
 from pushgraph.network.mass_noise import MassNoise
 
 LATENT_UNIT = 0.01
@@ -54,6 +54,34 @@ class Evidence(NamedTuple):
     active: Bool[Tensor, "batch pairs"]
 
 
+@runtime_checkable
+class BeliefRecipe(Schema, Protocol):
+    """What `pushgraph train belief` trains.
+
+    PHYSICS: kind of the physics that it stands on. hidden, width: of the memory of bodies, and of both directions of
+    pairs. mass_noise: how far evidence about masses is trusted; None if it says nothing of them.
+    """
+
+    PHYSICS: str
+    hidden: int
+    width: int
+    mass_noise: MassNoise | None
+
+    def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
+        """What a frame tells, given what was foreseen."""
+
+    def encode(self, told: Float[Tensor, "*frames rows 2 told"]) -> Float[Tensor, "*frames rows 2 encoded"]:
+        """Encode evidence; the part that needs no memory."""
+
+    def step(
+        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 encoded"], active: Bool[Tensor, " rows"]
+    ) -> Memory:
+        """One frame."""
+
+    def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
+        """Log-odds of the joints, in the order of JOINT_CODES."""
+
+
 class BeliefNetwork(nn.Module):
     """Ours: joint memory, motions and surprises beside the state of contacts.
 
@@ -62,6 +90,7 @@ class BeliefNetwork(nn.Module):
     """
 
     PHYSICS = "contact"
+    mass_noise: MassNoise | None
 
     def __init__(self, hidden: int = 64, latents: int = len(CONTACT_STATE)) -> None:
         super().__init__()
@@ -129,10 +158,12 @@ class PaperBelief(nn.Module):
     """
 
     PHYSICS = "propnet"
+    mass_noise: MassNoise | None
 
     def __init__(self, hidden: int = 256, latents: int = 256) -> None:
         super().__init__()
         self.hidden, self.width = hidden, 2 * hidden
+        self.mass_noise = None
         self.relation_cell = nn.LSTMCell(latents, hidden)
         self.head = nn.Linear(hidden, len(JOINT_CODES))
 
@@ -163,5 +194,5 @@ class PaperBelief(nn.Module):
         return self.head(memory.relations[..., : self.hidden]).mean(1)
 
 
-BELIEFS: dict[str, type[nn.Module]] = {"belief": BeliefNetwork, "paper_recipe": PaperBelief}
+BELIEFS: dict[str, type[BeliefRecipe]] = {"belief": BeliefNetwork, "paper_recipe": PaperBelief}
 """The recipes by name."""

@@ -90,7 +90,8 @@ def find_contacts(
     pairs = pose[scene], scenes.board_half[scene], boxes[scene, box], scenes.half[scene, box]
     close = axes_between(*pairs).gap.amax(-1) < margin[scene, box]
     scene, box = scene[close], box[close]
-    patch = contact_patch(*(values[close] for values in pairs))
+    pose_a, half_a, pose_b, half_b = (values[close] for values in pairs)
+    patch = contact_patch(pose_a, half_a, pose_b, half_b)
     pair, _ = slots = (patch.touches & (patch.gap < margin[scene, box][:, None])).nonzero(as_tuple=True)
     point, scene, box = patch.point[slots], scene[pair], box[pair]
     other = moves[scene, :3] + pose_3d.cross(moves[scene, 3:], point - tool[scene, :3])

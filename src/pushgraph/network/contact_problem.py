@@ -154,8 +154,7 @@ class ContactProblem(NamedTuple):
     def differentiable(self, twist: Tensor) -> bool:
         """Whether anything of it wants a gradient."""
         values = (twist, self.gap, self.force, self.normal, self.feet.weight, self.feet.arm, self.last)
-        values = (*values, self.drives.length, self.drives.limit)
-        return any(one.requires_grad for one in values)
+        return any(one.requires_grad for one in (*values, self.drives.length, self.drives.limit))
 
     def linearize(self, twist: Float[Tensor, "3 nodes"], slip: float, secant: float) -> "Moment":
         """Everything about the energy at a twist.

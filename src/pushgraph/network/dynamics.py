@@ -2,11 +2,11 @@
 
 import math
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pushgraph import pose
@@ -24,6 +24,7 @@ from pushgraph.graph.steps import LONGEST
 from pushgraph.network import contact_problem
 from pushgraph.network.contact_network import ContactNetwork
 from pushgraph.network.contact_problem import FARTHEST, SLIP, ContactProblem
+from pushgraph.network.contract import Advance, Foresight, PhysicsNetwork
 from pushgraph.network.newton import solve
 from pushgraph.network.propagation import PropagationNetwork
 
@@ -34,39 +35,6 @@ LEAST_UNIT = 3e-3
 """Errors in steps smaller than this (m) count as if they were as large: there contacts give way in simulation."""
 
 
-@runtime_checkable
-class Dynamics(Protocol):
-    """What a rollout needs. LONGEST_STEP: how far the tool moves in a step at most (m), by default."""
-
-    LONGEST_STEP: float
-
-    def __call__(self, state: State, control: Control) -> "Advance":
-        """What a step does."""
-
-
-class Advance(NamedTuple):
-    """What a step does.
-
-    motion: how each body's pose changes: x, y (m), yaw (rad), world axes. done: share of its motion that the tool
-    makes, all of it where no force limit holds it back.
-    """
-
-    motion: Float[Tensor, "batch bodies 3"]
-    done: Float[Tensor, " batch"]
-
-
-class Foresight(NamedTuple):
-    """A prediction with what is behind it, for every pair.
-
-    latents: of both edges of a pair, the later body being the receiver of the second; zero where there is none. Those
-    of ContactDynamics are CONTACT_STATE. linked: whether the pair shares edges.
-    """
-
-    motion: Float[Tensor, "batch bodies 3"]
-    latents: Float[Tensor, "batch pairs 2 hidden"]
-    linked: Bool[Tensor, "batch pairs"]
-
-
 class ContactDynamics(nn.Module):
     """Ours: what the laws of contact say, corrected by a network.
 
@@ -74,10 +42,8 @@ class ContactDynamics(nn.Module):
     """
 
     LONGEST_STEP = LONGEST
-    FRAMES_PER_STEP = (1, 2, 1, 4)
-    """What steps cover in training, one after the other."""
+    FRAMES_PER_STEP: tuple[int, ...] = (1, 2, 1, 4)
     CHAOS = 1.0
-    """Errors of about this many units and more teach less and less: there the prediction has gone another way."""
 
     def __init__(self, hidden: int = 48, steps: int = 2) -> None:
         super().__init__()
@@ -142,7 +108,7 @@ class PropnetDynamics(nn.Module):
     """The paper's: velocities of every body in its own frame; rigid groups then move with their members' mean."""
 
     LONGEST_STEP = math.inf
-    FRAMES_PER_STEP = (1,)
+    FRAMES_PER_STEP: tuple[int, ...] = (1,)
     CHAOS = 10.0
 
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:
@@ -236,5 +202,5 @@ def _schema(features: ModuleType) -> dict[str, Any]:
     }
 
 
-DYNAMICS: dict[str, type[nn.Module]] = {"propnet": PropnetDynamics, "contact": ContactDynamics}
-"""The predictors by name."""
+DYNAMICS: dict[str, type[PhysicsNetwork]] = {"propnet": PropnetDynamics, "contact": ContactDynamics}
+"""The predictors by name; see `pushgraph.network.registry`."""

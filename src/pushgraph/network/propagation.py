@@ -67,7 +67,7 @@ class PropagationNetwork(nn.Module):
 
     def forward(self, graph: Graph) -> Propagated:
         """Propagate through a graph, in the precision of the weights."""
-        precision = self.head[0].weight.dtype
+        precision = self.relation_from_relation.weight.dtype
         objects = self.object_encoder(graph.nodes.to(precision))
         relations = self.relation_from_relation(self.relation_encoder(graph.edges.to(precision)))
         effect = objects

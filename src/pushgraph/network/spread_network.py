@@ -106,5 +106,5 @@ def _degrees(answer: Tensor) -> Tensor:
     return (least + nn.functional.softplus(answer)).clamp(max=most)
 
 
-SPREADS: dict[str, type[nn.Module]] = {"spread": SpreadNetwork}
+SPREADS: dict[str, type[SpreadNetwork]] = {"spread": SpreadNetwork}
 """The networks that state spreads, by name."""

@@ -16,7 +16,7 @@ from pushgraph.recording.assembly import Frames
 from pushgraph.recording.convention import ANGLES, LENGTHS
 from pushgraph.recording.findings import Finding
 from pushgraph.scene import Scene
-from pushgraph.shape import Cylinder
+from pushgraph.shape import Cuboid, Cylinder
 
 LAYOUT_OFF = 0.03
 """Layouts farther apart than this (m, root mean square) are not the same."""
@@ -182,7 +182,7 @@ def _stretches(frames: Frames) -> list[np.ndarray]:
     return [part for part in parts if frames.down[part[0]] and len(part) > 1]
 
 
-def _inradius(shape) -> float:
+def _inradius(shape: Cylinder | Cuboid) -> float:
     a, b, radius = shape.core
     return min(a, b) + radius
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
 from pushgraph.scene import Scene
-from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.shape import Cuboid, Cylinder, simple
 from pushgraph.tool import Push
 
 PUSHES = 9
@@ -77,7 +77,7 @@ def aim(
     novelty = ~still / (1.0 + touched) ** 2
     way = style.ways[rng.integers(len(style.ways))] if len(style.ways) > 1 else style.ways[0]
     depth = np.minimum(
-        GRAZE if style.grazes else DEPTH, NARROW * np.array([_width(body.shape) for body in scene.bodies])
+        GRAZE if style.grazes else DEPTH, NARROW * np.array([_width(simple(body.shape)) for body in scene.bodies])
     )
     for _ in range(4):
         candidates = _candidates(rng, scene, poses, novelty, style, way)
@@ -160,7 +160,8 @@ def _path_gaps(
     scene: Scene, poses: Float[np.ndarray, "bodies 3"], candidates: Float[np.ndarray, "candidates waypoints 3"]
 ) -> Float[np.ndarray, "candidates samples bodies"]:
     """Gap of the tool along each path to the bodies as they lie now."""
-    thin = min(_width(body.shape) for body in scene.bodies) + min(_width(part.shape) for part in scene.tool.parts)
+    thin = min(_width(simple(body.shape)) for body in scene.bodies)
+    thin += min(_width(part.shape) for part in scene.tool.parts)
     long = np.hypot(*np.diff(candidates[..., :2], axis=1).reshape(-1, 2).T).max()
     samples = int(np.clip(math.ceil(2 * long / thin), *PATH_SAMPLES))
     share = np.linspace(0, 1, samples)[:, None]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from types import ModuleType
 from typing import NamedTuple
 
 import mujoco
@@ -244,7 +245,7 @@ def trajectory_of(joint_names: Sequence[str], planned: Sequence[PlannedPush]) ->
     return JointTrajectory.of(joint_names, times, positions, whole("velocities"), whole("accelerations"))
 
 
-def import_mink():
+def import_mink() -> ModuleType:
     """The package mink; raises ArmError if it is not installed."""
     try:
         import daqp  # noqa: F401, the solver that mink is told to use

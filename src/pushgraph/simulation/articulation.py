@@ -10,6 +10,7 @@ from jaxtyping import Int
 from pushgraph import pose
 from pushgraph.body import Joint, JointKind
 from pushgraph.scene import Scene
+from pushgraph.shape import simple
 from pushgraph.simulation.placement import NEIGHBOUR_GAP
 
 DYNAMICS: tuple[JointKind, ...] = ("fixed", "revolute", "prismatic")
@@ -50,7 +51,7 @@ def draw_joints(
     fewest, most = (min(bound, len(forest)) for bound in bounds)
     count = int(rng.integers(fewest, most + 1))
     return tuple(
-        Joint(kind=kinds[rng.integers(len(kinds))], parent=scene.names[first], child=scene.names[second])
+        Joint(kind=kinds[int(rng.integers(len(kinds)))], parent=scene.names[first], child=scene.names[second])
         for first, second in forest[:count]
     )
 
@@ -84,7 +85,7 @@ def _point_on(rng: np.random.Generator, scene: Scene, joint: Joint) -> tuple[flo
     points = []
     for name in (joint.parent, joint.child):
         body = scene.bodies[scene.names.index(name)]
-        half_x, half_y, radius = body.shape.core
+        half_x, half_y, radius = simple(body.shape).core
         own = np.array([half_x + radius, half_y + radius]) * rng.uniform(-1, 1, 2)
         points.append(pose.transform(np.array(body.pose_world_from_body), own))
     share = rng.choice([0.0, 1.0, rng.uniform()])
@@ -111,7 +112,7 @@ def _free_range(scene: Scene, joint: Joint, pieces: list[list[int]], reach: list
             motion = np.column_stack((moved[:, None] * axis, np.zeros(STEPS)))
         frames = np.repeat(poses[None], STEPS, 0)
         frames[:, pieces[1]] = pose.compose(motion[:, None], frames[:, pieces[1]])
-        gaps = scene.pair_gaps(list(product(*pieces)), frames).min(1)
+        gaps = scene.pair_gaps(list(product(pieces[0], pieces[1])), frames).min(1)
         within = np.flatnonzero(gaps < min(0.0, gaps[0]))
         free.append(sign * far * share[within[0] - 1 if len(within) else -1])
     return float(free[0]), float(free[1])

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -72,7 +72,7 @@ def arrange(
     blocks: Sequence[Block],
     poses_world_from_block: Float[np.ndarray, "blocks 3"],
     masses: Sequence[Sequence[float]],
-    **fields: object,
+    **fields: Any,
 ) -> Scene:
     """The scene of placed blocks, whose parts become its bodies; `masses` (kg) are those of each block's parts."""
     bodies: list[Body] = []

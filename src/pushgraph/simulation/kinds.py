@@ -139,7 +139,8 @@ def walls(rng: np.random.Generator, objects: int, density: Density) -> Plan:
         blocks.append(fixture(rng, size * float(rng.uniform(1.0, 2.0))))
     blocks += _bodies(rng, min(objects, 24), size, (0.6, 1.5))
     scene = draw_scene(rng, blocks, density, size, even=True)
-    masses = [body.mass for body in scene.bodies if not body.fixed]
+    masses = [body.mass for body in scene.bodies if not body.fixed and body.mass is not None]
+    assert scene.table.friction is not None
     force = scene.table.friction * max(masses) * GRAVITY * float(rng.uniform(3.0, 8.0))
     force = min(force, CRUSHING * min(masses))
     return Plan(scene, density, draw_style(rng, scene, size, (0.02, 0.3), rotation=0.0, force_limit=force))

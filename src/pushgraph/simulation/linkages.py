@@ -24,12 +24,13 @@ def draw_ring(rng: np.random.Generator, size: float, bars: int) -> Block:
     slides = int(rng.integers(bars)) if bars > 4 and rng.random() < 0.4 else None
     joints = []
     for k in range(bars):
-        ends = {"parent": str((k - 1) % bars), "child": str(k)}
+        parent, child = str((k - 1) % bars), str(k)
         if k == slides:
             limits = (-float(rng.uniform(0, 0.3)) * width, float(rng.uniform(0.5, 3.0)) * width)
-            joints.append(Joint(kind="prismatic", axis=tuple(sides[k].tolist()), limits=limits, **ends))
+            axis = tuple(sides[k].tolist())
+            joints.append(Joint(kind="prismatic", parent=parent, child=child, axis=axis, limits=limits))
         else:
-            joints.append(_hinge(rng, corners[k], **ends))
+            joints.append(_hinge(rng, corners[k], parent, child))
     return Block.loose([_bar(corners, k, width) for k in range(bars)], _some(rng, joints))
 
 

@@ -69,7 +69,7 @@ def draw_cluster(rng: np.random.Generator, size: float, parts: int) -> Block:
             beside = placed[rng.integers(len(placed))]
             away = rng.uniform(0.5, 0.9) * (_half_width(beside.shape) + _half_width(shape))
             centre = np.array(beside.pose_body_from_part[:2]) + _direction(rng) * away
-        placed.append(PlacedShape(shape, (*centre.tolist(), float(rng.uniform(-math.pi, math.pi)))))
+        placed.append(PlacedShape(shape, (float(centre[0]), float(centre[1]), float(rng.uniform(-math.pi, math.pi)))))
     return Block.rigid(centred(placed))
 
 
@@ -162,8 +162,8 @@ def _letter(rng: np.random.Generator) -> np.ndarray:
         left, right = (1 - stem) / 2, (1 + stem) / 2
         points = [(0, 0), (1, 0), (1, -top), (right, -top), (right, -top - leg), (left, -top - leg), (left, -top)]
         points += [(0, -top)]
-    points = np.array(points, dtype=float)
-    return points - (points.min(0) + points.max(0)) / 2
+    corners = np.array(points, dtype=float)
+    return corners - (corners.min(0) + corners.max(0)) / 2
 
 
 def _around(radii: np.ndarray, angles: np.ndarray) -> np.ndarray:

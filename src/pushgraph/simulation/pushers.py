@@ -1,6 +1,7 @@
 """Draw what pushes: tools from probes to blades, speeds, distances, and rests in which all comes to rest."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ def draw_composite_tool(rng: np.random.Generator, scale: float = 1.0) -> Tool:
     place = scale * rng.uniform(-0.15, 0.15, 2)
     parts = []
     for _ in range(int(rng.integers(2, 5))):
+        shape: Cuboid | Cylinder
         if rng.random() < 0.7:
             shape = Cuboid(size=_sides(rng, scale))
         else:
@@ -60,12 +62,13 @@ def is_round(tool: Tool) -> bool:
 
 
 def draw_style(
-    rng: np.random.Generator, scene: Scene, size: float, speeds: tuple[float, float] = (0.02, 0.5), **fields: object
+    rng: np.random.Generator, scene: Scene, size: float, speeds: tuple[float, float] = (0.02, 0.5), **fields: Any
 ) -> PushStyle:
     """Pushes among bodies of this size (m): as long as they are worth, and brief enough.
 
     Slow ones are few and short. All rest until what slides has stopped.
     """
+    assert scene.table.friction is not None
     speed = log_uniform(rng, *speeds)
     slow = speed < 0.02
     longest = speed * (SLOW_SECONDS if slow else PUSH_SECONDS)

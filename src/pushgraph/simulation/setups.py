@@ -3,7 +3,7 @@
 import contextlib
 import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from pushgraph.simulation.glued_cylinders import FEWEST as FEWEST_GLUED
 from pushgraph.simulation.glued_cylinders import MOST as MOST_GLUED
 from pushgraph.simulation.glued_cylinders import glued_cylinders
 from pushgraph.simulation.kinds import KINDS
+from pushgraph.simulation.lever_setup import LEVER_UP
 from pushgraph.simulation.masses import CONTROLLED_OBJECTS, controlled_masses, different_masses
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.plan import DENSITIES, Density, Plan
@@ -107,8 +108,32 @@ SETUPS: dict[str, Setup] = {
     "controlled-masses": controlled_masses,
     "camera": glued_cylinders,
 }
-OBJECTS = {"controlled-masses": CONTROLLED_OBJECTS, "camera": tuple(range(FEWEST_GLUED, MOST_GLUED + 1))}
+OBJECTS: dict[str, tuple[int, ...]] = {
+    "controlled-masses": CONTROLLED_OBJECTS,
+    "camera": tuple(range(FEWEST_GLUED, MOST_GLUED + 1)),
+}
 """Numbers of objects of the setups that are not of any."""
+EPISODIC = {"multiple-parts", "jointed", "different-masses"}
+"""Setups whose scenes all hold as many bodies as asked for, and a round tool: what episodes can begin with."""
+
+
+def register_setup(
+    name: str, plan: Setup, objects: Sequence[int] | None = None, episodic: bool = False
+) -> None:
+    """Make a setup known by name, in this process: to generation, evaluation and environments.
+
+    plan: plans a trajectory, the same from the same generator, and raises NoRoom where a draw comes to nothing.
+    objects: the numbers of objects that it knows, if it does not know any. episodic: see EPISODIC. Processes that are
+    started have to import the module that calls this, too; scripts do so with what stands outside of
+    `if __name__ == "__main__"`. Raises SetupError if the name is taken.
+    """
+    if SETUPS.get(name, plan) is not plan or name == LEVER_UP:
+        raise SetupError(f"{name!r}: there is a setup of this name already")
+    SETUPS[name] = plan
+    if objects is not None:
+        OBJECTS[name] = tuple(objects)
+    if episodic:
+        EPISODIC.add(name)
 
 
 def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajectory:
@@ -156,7 +181,7 @@ def draw_setup(setup: str, objects: int, rng: np.random.Generator) -> Scene:
 def find_setup(name: str, objects: int) -> Setup:
     """The setup of this name; raises SetupError with the valid names, or the valid numbers of objects."""
     if name not in SETUPS:
-        raise SetupError(f"no setup {name!r}; valid: {', '.join(SETUPS)}")
+        raise SetupError(f"no setup {name!r}; valid: {', '.join(SETUPS)}; import what registers your own")
     if name in OBJECTS and objects not in OBJECTS[name]:
         raise SetupError(f"setup {name!r}: no scene of {objects} objects; valid: {', '.join(map(str, OBJECTS[name]))}")
     return SETUPS[name]

@@ -17,7 +17,8 @@ from pushgraph.dataset.sequences import SequenceSampler
 from pushgraph.errors import TrainingError
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
 from pushgraph.graph.scene_batch import batch_scenes
-from pushgraph.network.belief_network import BELIEFS, BeliefNetwork, Rows
+from pushgraph.network.belief_network import BELIEFS, BeliefNetwork, BeliefRecipe, Rows
+from pushgraph.network.contract import Foreseeing
 from pushgraph.scene_range import range_of
 from pushgraph.training.conduct import conduct, open_dataset
 from pushgraph.training.masses import Weighed, mass_loss, weighed
@@ -49,7 +50,7 @@ class BeliefTraining(Training):
     """
 
     TASK: ClassVar[str] = "belief"
-    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = BELIEFS
+    MODELS: ClassVar[Mapping[str, type[BeliefRecipe]]] = BELIEFS
     VALIDATIONS: ClassVar[int] = 12
     FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics", "masses", "masses_validation")
 
@@ -91,7 +92,7 @@ class Answers(NamedTuple):
     restless: Float[Tensor, ""]
 
 
-def answers(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Answers:
+def answers(network: BeliefRecipe, dynamics: Foreseeing, seen: Watched) -> Answers:
     """Watch windows and answer after every frame."""
     rows, active, memories = watch_windows(network, dynamics, seen.scenes, seen.poses, seen.tool, seen.down, seen.seen)
     log_odds = torch.stack([network.answer(memory, rows) for memory in memories])
@@ -100,7 +101,7 @@ def answers(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Answers:
     return Answers(rows, log_odds, active.cumsum(0) > 0, restless)
 
 
-def belief_loss(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Float[Tensor, ""]:
+def belief_loss(network: BeliefRecipe, dynamics: Foreseeing, seen: Watched) -> Float[Tensor, ""]:
     """Cross-entropy of the answers, growing in weight with time, and what keeps memories smooth."""
     told = answers(network, dynamics, seen)
     frames = len(told.log_odds)
@@ -114,7 +115,7 @@ def belief_loss(network: nn.Module, dynamics: nn.Module, seen: Watched) -> Float
 class BeliefTask:
     """Answers about sequences; validation on the first frames of its trajectories, once clean and once noisy."""
 
-    numbers = (
+    numbers: tuple[str, ...] = (
         "surprise",
         "nll_masses",
         "nll_adjacent",
@@ -131,9 +132,9 @@ class BeliefTask:
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
         share = max(1, training.batch // processes.count)
         self._sampler = SequenceSampler(data, training.frames, share, training.seed * 1000 + processes.rank)
-        below = load_physics(BELIEFS[training.model], training.physics)
+        below = load_physics(BELIEFS[training.model].PHYSICS, training.physics)
         self.physics = below.hash
-        self._dynamics = below.network.to(device).requires_grad_(False)
+        self._dynamics = cast(Foreseeing, below.network.to(device).requires_grad_(False))
         count = min(len(validation), VALIDATION_SCENES)
         tracks = [validation[k] for k in range(processes.rank, count, processes.count)]
         frames = min(VALIDATION_FRAMES, *(len(track.times) for track in tracks))
@@ -181,20 +182,22 @@ class BeliefTask:
         return torch.stack(losses).sum()
 
     def _loss_of_masses(self, network: nn.Module, tracks: Weighed) -> Tensor:
-        return mass_loss(cast(BeliefNetwork, network).mass_noise, self._dynamics, tracks).float()
+        noise = cast(BeliefNetwork, network).mass_noise
+        assert noise is not None
+        return mass_loss(noise, self._dynamics, tracks).float()
 
     def _loss_of_joints(self, network: nn.Module, step: int) -> Tensor:
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
         seen = watched(self._sampler.batch(step), generator).to(self._device)
         half = self._training.precision == "bfloat16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=half):
-            return belief_loss(network, self._dynamics, seen)
+            return belief_loss(cast(BeliefRecipe, network), self._dynamics, seen)
 
     def validate(self, network: nn.Module) -> Tensor:
         """Means over pairs of `numbers`, and a one to divide by."""
         surprise, wrong = [], []
         for seen in self._validation:
-            told = answers(network, self._dynamics, seen)
+            told = answers(cast(BeliefRecipe, network), self._dynamics, seen)
             joint = seen.joint[told.rows.scene, told.rows.pair]
             adjacent = self._adjacent[told.rows.scene, told.rows.pair]
             for frame in (frame for frame in VALIDATED if frame <= len(told.log_odds)):

@@ -6,14 +6,15 @@ import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import torch
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.dataset.ragged import RaggedFile
 from pushgraph.dataset.store import Dataset
-from pushgraph.errors import TrainingError
+from pushgraph.errors import PushGraphError, TrainingError
+from pushgraph.network.registry import build_network
 from pushgraph.simulation.setups import FIRST_TEST_SEED
 from pushgraph.training.loop import Schedule, Task, train
 from pushgraph.training.processes import Processes
@@ -45,10 +46,12 @@ def conduct(
         processes.wait()
         with torch.random.fork_rng():
             torch.manual_seed(training.seed)
-            network = training.MODELS[training.model](**training.config).to(place)
+            network = build_network(training.model, training.config).to(place)
         if training.start_from:
             network.load_state_dict(load_checkpoint(training.start_from).network.state_dict())
         task = make_task(training, processes, place)
+        if processes.leads:
+            _rehearse(Checkpoint(training.model, training.config, network, {}, task.physics), running.folder)
         schedule = Schedule(
             training.steps, training.learning_rate, training.VALIDATIONS, amsgrad=training.model == "propnet"
         )
@@ -71,7 +74,24 @@ def conduct(
     return now
 
 
-def open_dataset(path: str, kind: type[Data] = Dataset) -> Data:  # type: ignore[assignment]
+def _rehearse(checkpoint: Checkpoint, folder: Path) -> None:
+    """Save and load the network as it is before training: what fails at the end fails at the beginning."""
+    path = folder / "rehearsal.safetensors"
+    try:
+        save_checkpoint(checkpoint, path)
+        load_checkpoint(path)
+    except (PushGraphError, TypeError, ValueError) as error:
+        name = type(checkpoint.network).__qualname__
+        raise TrainingError(f"{checkpoint.kind!r}: {name} cannot be saved and loaded again: {error}") from error
+    finally:
+        path.unlink(missing_ok=True)
+
+
+@overload
+def open_dataset(path: str) -> Dataset: ...
+@overload
+def open_dataset(path: str, kind: type[Data]) -> Data: ...
+def open_dataset(path: str, kind: type[RaggedFile] = Dataset) -> RaggedFile:
     """A dataset to train on or validate with; raises TrainingError if it is for tests."""
     data = kind(path)
     if data.recipe.seed >= FIRST_TEST_SEED:

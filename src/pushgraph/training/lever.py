@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from pushgraph.errors import TrainingError
 from pushgraph.graph.lever_batch import LeverBatch, LeverState, batch_lever_scenes, displacement
 from pushgraph.lever_physics import rollout_lever, tool_knots
 from pushgraph.network.body_step import REST
-from pushgraph.network.lever_dynamics import KNOTS, LEVERS
+from pushgraph.network.lever_dynamics import KNOTS, LEVERS, LeverDynamics
 from pushgraph.track_frames import FRAME
 from pushgraph.training.conduct import conduct, open_dataset
 from pushgraph.training.processes import Processes
@@ -39,7 +39,7 @@ class LeverTraining(Training):
     """What decides a training of boards. A sample is one predicted frame of one window."""
 
     TASK: ClassVar[str] = "lever-up"
-    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = LEVERS
+    MODELS: ClassVar[Mapping[str, type[LeverDynamics]]] = LEVERS
     VALIDATIONS: ClassVar[int] = 10
 
     samples: int = 200_000
@@ -84,12 +84,12 @@ class Interactions(NamedTuple):
 class LeverTask:
     """Unrolled prediction of windows; validation by rollouts from the start of every validation interaction."""
 
-    numbers = ("bounded_error_mm", "final_position_error_mm", "final_rotation_error_deg")
-    physics = None
-    range: ClassVar[dict[str, list[float]]] = {}
+    numbers: tuple[str, ...] = ("bounded_error_mm", "final_position_error_mm", "final_rotation_error_deg")
+    physics: str | None = None
 
     def __init__(self, training: LeverTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._rank = training, processes.rank
+        self.range: dict[str, list[float]] = {}
         data = open_dataset(training.data, LeverDataset)
         count = len(data) if training.interactions is None else min(training.interactions, len(data))
         self.data_recipe = dataclasses.asdict(data.recipe) | {"interactions": count}
@@ -112,7 +112,7 @@ class LeverTask:
         before = boards[index, (first - 1).clamp(min=0)][:, 0]
         state = LeverState(scenes.take(index[:, 0]), window[:, 0], velocity_between(before, window[:, 0]))
         ways = tool[index, first * KNOTS + torch.arange(frames * KNOTS + 1, device=device)]
-        predicted = rollout_lever(network, state, ways)
+        predicted = rollout_lever(cast(LeverDynamics, network), state, ways)
         error = _distance(predicted[:, 1:], window[:, 1:]) / UNIT
         smooth = (error.square() + SMOOTH**2).sqrt() - SMOOTH
         return (smooth / (1 + smooth / CHAOS)).mean()
@@ -121,7 +121,7 @@ class LeverTask:
         """Sums over interactions of `numbers` after a whole rollout, and their count."""
         scenes, boards, tool = self._validation
         state = LeverState(scenes, boards[:, 0], torch.zeros_like(boards[:, 0, :6]))
-        predicted = rollout_lever(network, state, tool)
+        predicted = rollout_lever(cast(LeverDynamics, network), state, tool)
         error = _distance(predicted, boards).nan_to_num(1e3, 1e3) / UNIT
         position = (predicted[:, -1] - boards[:, -1])[:, :3].norm(dim=-1).nan_to_num(1e3, 1e3)
         turned = pose_3d.rotation_error(predicted[:, -1], boards[:, -1]).nan_to_num(np.pi).rad2deg()

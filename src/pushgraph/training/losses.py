@@ -2,16 +2,17 @@
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
+from pushgraph.network.contract import PhysicsNetwork
 from pushgraph.training.examples import Example
 
 SMOOTH = 0.01
 """Errors below this many units count quadratically."""
 
 
-def unrolled_loss(dynamics: nn.Module, example: Example) -> Float[Tensor, ""]:
+def unrolled_loss(dynamics: PhysicsNetwork, example: Example) -> Float[Tensor, ""]:
     """Mean distance of predicted from true poses in all frames, in the network's unit of errors, turns at LEVER.
 
     Every frame starts from the predicted one, so the network meets its own errors. Gradients reach back through the

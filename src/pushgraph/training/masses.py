@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.dataset.sequences import SequenceBatch
+from pushgraph.graph.mass_evidence import Dynamics
 from pushgraph.graph.scene_batch import SceneBatch, batch_scenes, concatenate, map_tensors
 from pushgraph.graph.watching import first_look, look
 from pushgraph.mass_chains import MassChains
@@ -72,7 +73,7 @@ def weighed(sequences: SequenceBatch, generator: torch.Generator) -> Weighed:
     return Weighed(scenes, bodies[:, :last], poses[:, :last, 0], down[:, :last], wrench[:, :last], true)
 
 
-def mass_loss(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Float[Tensor, ""]:
+def mass_loss(network: MassNoise, dynamics: Dynamics, tracks: Weighed) -> Float[Tensor, ""]:
     """How surprising the true masses are in the end, on average over bodies (nats)."""
     looked = last_looks(network, dynamics, tracks)
     evidence = looked.evidence(network, looked.surprises(network))
@@ -85,7 +86,7 @@ def mass_loss(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Float
 
 
 @torch.no_grad()
-def last_looks(network: MassNoise, dynamics: nn.Module, tracks: Weighed) -> Looked:
+def last_looks(network: MassNoise, dynamics: Dynamics, tracks: Weighed) -> Looked:
     """Watch tracks: every frame as it was looked at for the last time."""
     scenes, seen = tracks.scenes, tracks.scenes.present
     view, _ = first_look(scenes, tracks.poses[:, 0], tracks.tool[:, 0], tracks.down[:, 0], seen)

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 import torch
@@ -14,6 +14,7 @@ from pushgraph.dataset.windows import WindowSampler
 from pushgraph.errors import TrainingError
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import start
+from pushgraph.network.contract import PhysicsNetwork
 from pushgraph.network.dynamics import DYNAMICS
 from pushgraph.physics import rollout
 from pushgraph.scene_range import range_of
@@ -36,7 +37,7 @@ class PhysicsTraining(Training):
     """What decides a training of physics prediction. A sample is one predicted frame of one window."""
 
     TASK: ClassVar[str] = "physics"
-    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = DYNAMICS
+    MODELS: ClassVar[Mapping[str, type[PhysicsNetwork]]] = DYNAMICS
 
     samples: int = 20_000_000
     frames: int = 4
@@ -59,8 +60,8 @@ class PhysicsTraining(Training):
 class PhysicsTask:
     """Unrolled prediction of windows; validation by rollouts from the start of every validation trajectory."""
 
-    numbers = ("bounded_error_cm", "mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")
-    physics = None
+    numbers: tuple[str, ...] = ("bounded_error_cm", "mean_error_cm", "final_error_moved_cm", "displacement_moved_cm")
+    physics: str | None = None
 
     def __init__(self, training: PhysicsTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._rank, self._device = training, processes.rank, device
@@ -82,19 +83,20 @@ class PhysicsTask:
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Unrolled loss of the step's batch."""
         generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 1)) % 2**63)
-        spans = network.FRAMES_PER_STEP
+        dynamics = cast(PhysicsNetwork, network)
+        spans = dynamics.FRAMES_PER_STEP
         example = self._examples(self._sampler.batch(step), generator, spans[step % len(spans)])
         half = self._training.precision == "bfloat16"
         # Dropout draws from torch's own generator; nobody else's draws shall change with it.
         with torch.random.fork_rng(), torch.autocast(self._device.type, torch.bfloat16, enabled=half):
             torch.manual_seed(hash((self._training.seed, step, self._rank)) % 2**63)
-            return unrolled_loss(network, example)
+            return unrolled_loss(dynamics, example)
 
     def validate(self, network: nn.Module) -> Tensor:
         """Sums over trajectories of `numbers` after a rollout of 50 frames, and their count."""
         true = self._validation_poses
         state = start(self._validation_scenes, true[:, 0, 1:])
-        predicted = rollout(network, state, true[:, :, 0], self._validation_down).poses[:, :-1]
+        predicted = rollout(cast(PhysicsNetwork, network), state, true[:, :, 0], self._validation_down).poses[:, :-1]
         true = true[:, :-1, 1:]
         error = (predicted - true)[..., :2].norm(dim=-1) * 100
         displacement = (true[:, -1] - true[:, 0])[..., :2].norm(dim=-1)

@@ -43,10 +43,10 @@ class Processes:
         """Give every process the mean gradient, in one message."""
         if self.count == 1:
             return
-        learning = [parameter for parameter in network.parameters() if parameter.grad is not None]
-        mean = self.mean(torch.cat([parameter.grad.flatten() for parameter in learning]))
-        parts = mean.split([parameter.numel() for parameter in learning])
-        for parameter, part in zip(learning, parts, strict=True):
+        learning = [(parameter, parameter.grad) for parameter in network.parameters() if parameter.grad is not None]
+        mean = self.mean(torch.cat([gradient.flatten() for _, gradient in learning]))
+        parts = mean.split([parameter.numel() for parameter, _ in learning])
+        for (parameter, _), part in zip(learning, parts, strict=True):
             parameter.grad = part.view_as(parameter)
 
     def check_parent(self) -> None:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from torch import nn
-
 from pushgraph.errors import TrainingError
+from pushgraph.network.contract import Schema
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class Training:
     """What decides a training. A sample is one frame of one window."""
 
     TASK: ClassVar[str]
-    MODELS: ClassVar[Mapping[str, type[nn.Module]]]
+    MODELS: ClassVar[Mapping[str, type[Schema]]]
     VALIDATIONS: ClassVar[int] = 20
     FILES: ClassVar[tuple[str, ...]] = ("data", "validation", "start_from")
     """Settings that name files."""

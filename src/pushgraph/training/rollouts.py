@@ -15,7 +15,7 @@ from pushgraph.graph.joint_truth import unaware
 from pushgraph.graph.scene_batch import Relations, SceneBatch, batch_scenes, hide_relations
 from pushgraph.graph.state import State, start
 from pushgraph.graph.track_features import default_doubt, doubt_of
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.physics import rollout
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 from pushgraph.track import Track

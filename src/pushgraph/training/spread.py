@@ -15,7 +15,7 @@ from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.errors import TrainingError
 from pushgraph.graph.track_features import TrackFeatures, track_features
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales, SpreadNetwork
 from pushgraph.scene_range import range_of
 from pushgraph.spread_model import spread_at_knots
@@ -44,7 +44,7 @@ class SpreadTraining(Training):
     """
 
     TASK: ClassVar[str] = "spread"
-    MODELS: ClassVar[Mapping[str, type[nn.Module]]] = SPREADS
+    MODELS: ClassVar[Mapping[str, type[SpreadNetwork]]] = SPREADS
     VALIDATIONS: ClassVar[int] = 12
 
     samples: int = 8_000_000
@@ -126,7 +126,7 @@ def _turn(degrees: Tensor, probability: float) -> Tensor:
 class SpreadTask:
     """Surprise at the errors of rollouts, and how bounds are missed; validation with joints given and believed."""
 
-    numbers = ("loss_of_bodies", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
+    numbers: tuple[str, ...] = ("loss_of_bodies", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
 
     def __init__(self, training: SpreadTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._device = training, device

@@ -17,7 +17,7 @@ from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.simulation.arm import ArmExecution
 from pushgraph.simulation.arm_surface import ArmSurface
-from pushgraph.viewer.animation import DPI, MOST_PICTURES, check_animation, opened_writer
+from pushgraph.viewer.animation import DPI, check_animation, opened_writer
 from pushgraph.viewer.drawing import PALETTE, TOOL_COLOUR
 
 ARM_COLOUR, TABLE_COLOUR = "#9db4c8", "#efe9dd"
@@ -26,6 +26,7 @@ HEIGHT = 1.2
 SIDES = 24
 """Of a drawn cylinder."""
 SIZE = 6.0
+MOST_PICTURES = 75
 LIGHT = np.array([0.3, -0.4, 0.87])
 
 
@@ -81,7 +82,7 @@ def _prepare(axes: Axes3D, scene: Scene, arm: Arm) -> None:
 
 def _solids(
     scene: Scene, poses: Float[np.ndarray, "nodes 3"], lift: float
-) -> tuple[list[np.ndarray], list[tuple[float, ...]]]:
+) -> tuple[list[np.ndarray], list[tuple[float, float, float]]]:
     """Triangles of the bodies and of the tool's parts, and a colour for each."""
     triangles, colours = [], []
     for index, (body, place) in enumerate(zip(scene.bodies, np.nan_to_num(poses[1:]), strict=True)):

@@ -19,7 +19,15 @@ from pushgraph.mass_history import MassHistory
 from pushgraph.mass_prior import MassClass, class_of
 from pushgraph.storage import replacing
 from pushgraph.track import Track
-from pushgraph.viewer.drawing import SceneArtist, draw_outlines, prepare, view_limits
+from pushgraph.viewer.drawing import (
+    SceneArtist,
+    draw_outlines,
+    joint_marks,
+    outline_mark,
+    prepare,
+    view_limits,
+)
+from pushgraph.viewer.names import place_names
 
 JOINT_COLOURS = {"none": "#dddddd", "fixed": "#303030", "prismatic": "#e0a800", "revolute": "#3070c0"}
 CERTAIN = 0.98
@@ -88,12 +96,16 @@ def save_believed_predictions(
     rows = figure.subplots(len(heights), 1 + len(moments), height_ratios=heights, squeeze=False)
     limits = view_limits([simulated, *(moment.predicted for moment in moments.values())])
     prepare(rows[0][0], limits, "Simulated")
-    SceneArtist(rows[0][0], simulated.scene).move(simulated.poses[-1], down=True)
+    artist = SceneArtist(rows[0][0], simulated.scene)
+    artist.move(simulated.poses[-1], down=True)
+    panels = [(rows[0][0], artist.names)]
     rows[1][0].axis("off")
     rows[1][0].legend(handles=_handles(JOINT_COLOURS), loc="center", frameon=False)
     for (top, middle, *_), (title, moment) in zip(rows.T[1:], moments.items(), strict=True):
         prepare(top, limits, title)
-        SceneArtist(top, moment.predicted.scene).move(moment.predicted.poses[-1], down=True)
+        artist = SceneArtist(top, moment.predicted.scene)
+        artist.move(moment.predicted.poses[-1], down=True)
+        panels.append((top, artist.names))
         draw_outlines(top, simulated)
         _bars(middle, [" - ".join(pairs[pair]) for pair in shown], moment.joints[shown], JOINT_COLOURS)
         middle.set_xlabel("belief in joints")
@@ -103,6 +115,10 @@ def save_believed_predictions(
             probabilities = np.array([[mass.classes[name] for name in colours] for mass in moment.masses])
             _bars(bottom, [f"{mass.body}, {mass.mass[0]:.2f} kg" for mass in moment.masses], probabilities, colours)
             bottom.set_xlabel("belief in classes of mass")
+    scenes = [simulated.scene, *(moment.predicted.scene for moment in moments.values())]
+    marks = [*joint_marks(scenes), outline_mark("simulated")]
+    figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), frameon=False)
+    place_names(figure, panels)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=100)
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from pushgraph.storage import replacing
 
 
-def save_curve(curve: Sequence[Mapping[str, float]], number: str, label: str, path: str | os.PathLike) -> None:
+def save_curve(curve: Sequence[Mapping[str, int | float]], number: str, label: str, path: str | os.PathLike) -> None:
     """Draw the rows of a training's curve (see `training.running.Progress`): the loss, and one of the numbers."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     minutes = [row["seconds"] / 60 for row in curve]

@@ -1,14 +1,17 @@
 """Draw scenes from above with matplotlib: the parts that pictures and animations share."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.patches import Polygon as Outline
+from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Affine2D
 
 from pushgraph import pose
@@ -17,10 +20,10 @@ from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.track import Track
 
-PALETTE = matplotlib.colormaps["tab10"].colors
+PALETTE = [to_rgb(matplotlib.colormaps["tab10"](k)) for k in range(10)]
 TOOL_COLOUR = "#333333"
 SPREAD_COLOUR = "#c02080"
-JOINT_MARKS = {
+JOINT_MARKS: dict[str, dict[str, Any]] = {
     "fixed": {"marker": "s", "color": "black"},
     "revolute": {"marker": "o", "color": "white"},
     "prismatic": {"marker": "D", "color": "gold"},
@@ -37,6 +40,8 @@ class SceneArtist:
             _BodyArtist(axes, body.shape, body.name, fc=(*colours[group_of.get(body.name, body.name)], 0.6))
             for body in scene.bodies
         ]
+        self.names = [body.label for body in self._bodies]
+        """The names of the bodies, as they stand on the axes; see `pushgraph.viewer.names`."""
         self._joints = [_JointArtist(axes, scene, joint) for joint in scene.joints]
         self._tool = [
             (np.array(part.pose_tool_from_part), MovableArtist(axes, outline(part.shape, fc=TOOL_COLOUR)))
@@ -69,18 +74,20 @@ class MovableArtist:
 
 
 class _BodyArtist:
-    """The outline of a body, a line that shows how it is turned, and its name."""
+    """The outline of a body, a tick at its front that shows how it is turned, and its name."""
 
-    def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: object) -> None:
-        heading = Line2D([0, max(0.0, _front(shape))], [0, 0], color="black", lw=0.8, alpha=0.5)
+    def __init__(self, axes: Axes, shape: Cylinder | Cuboid | Polygon, name: str, **style: Any) -> None:
+        front = max(0.0, _front(shape))
+        heading = Line2D([0.7 * front, front], [0, 0], color="black", lw=1.2, alpha=0.6)
         self._parts = [MovableArtist(axes, outline(shape, **style)), MovableArtist(axes, heading)]
-        self._label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True)
+        self.label = axes.text(0, 0, name, ha="center", va="center", fontsize=7, clip_on=True, zorder=10)
+        self.label.set_path_effects([withStroke(linewidth=2.0, foreground="white", alpha=0.8)])
 
     def move(self, pose_world_from_body: Float[np.ndarray, "3"]) -> None:
         for part in self._parts:
             part.move(pose_world_from_body)
-        self._label.set_visible(bool(np.isfinite(pose_world_from_body[:2]).all()))
-        self._label.set_position(np.nan_to_num(pose_world_from_body[:2]))
+        self.label.set_visible(bool(np.isfinite(pose_world_from_body[:2]).all()))
+        self.label.set_position(np.nan_to_num(pose_world_from_body[:2]))
 
 
 class _JointArtist:
@@ -102,9 +109,9 @@ def _front(shape: Cylinder | Cuboid | Polygon) -> float:
     return max(x for x, _ in shape.points) if isinstance(shape, Polygon) else shape.core[0] + shape.core[2]
 
 
-def outline(shape: Cylinder | Cuboid | Polygon, **style: object) -> Patch:
+def outline(shape: Cylinder | Cuboid | Polygon, **style: Any) -> Patch:
     """The shape seen from above, at the origin of its own frame."""
-    style = {"ec": "black", "lw": 0.8} | style
+    style = {"ec": "black", "lw": 0.8, **style}
     if isinstance(shape, Polygon):
         return Outline(shape.points, **style)
     half_x, half_y, radius = shape.core
@@ -131,17 +138,42 @@ def draw_spread(axes: Axes, track: Track) -> None:
             axes.add_patch(Ellipse((x, y), 2 * along, 2 * across, angle=np.degrees(direction), **style))
 
 
+def joint_marks(scenes: Sequence[Scene]) -> list[Line2D]:
+    """What a legend shows of the joints of scenes."""
+    kinds = sorted({joint.kind for scene in scenes for joint in scene.joints})
+    return [Line2D([], [], ls="", mec="black", label=f"{kind} joint", **JOINT_MARKS[kind]) for kind in kinds]
+
+
+def outline_mark(title: str) -> Line2D:
+    """What a legend shows of the outlines of the track with this title."""
+    return Line2D([], [], color="black", ls="--", lw=1.2, label=f"outlines as {title.lower()}")
+
+
 def view_limits(tracks: Sequence[Track], margin: float = 0.06) -> tuple[float, float, float, float]:
     """Left, right, bottom, top (m) of a square that holds everything the tracks show."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for track in tracks:
-        radii = [
-            track.scene.tool.reach,
-            *(body.shape.reach for body in track.scene.bodies),
-        ]
+        radii = _reaches(track.scene)
         positions = track.poses[..., :2]
-        low = np.minimum(low, np.nanmin(positions - np.array(radii)[:, None], axis=(0, 1)))
-        high = np.maximum(high, np.nanmax(positions + np.array(radii)[:, None], axis=(0, 1)))
+        low = np.minimum(low, np.nanmin(positions - radii[:, None], axis=(0, 1)))
+        high = np.maximum(high, np.nanmax(positions + radii[:, None], axis=(0, 1)))
+    return _square(low, high, margin)
+
+
+def limits_of(
+    scene: Scene, poses: Float[np.ndarray, "places 3"], margin: float = 0.06
+) -> tuple[float, float, float, float]:
+    """The same of a scene. poses: of its bodies, then of the tool at any number of places."""
+    tool, *bodies = _reaches(scene)
+    radii = np.array([*bodies, *[tool] * (len(poses) - len(bodies))])[:, None]
+    return _square(np.nanmin(poses[:, :2] - radii, 0), np.nanmax(poses[:, :2] + radii, 0), margin)
+
+
+def _reaches(scene: Scene) -> Float[np.ndarray, " nodes"]:
+    return np.array([scene.tool.reach, *(body.shape.reach for body in scene.bodies)])
+
+
+def _square(low: np.ndarray, high: np.ndarray, margin: float) -> tuple[float, float, float, float]:
     centre, half = (low + high) / 2, (high - low).max() / 2 + margin
     return centre[0] - half, centre[0] + half, centre[1] - half, centre[1] + half
 

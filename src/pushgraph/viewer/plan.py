@@ -6,11 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.viewer.drawing import MovableArtist, outline
+from pushgraph.viewer.names import place_names
 from pushgraph.viewer.picture import draw_ends
 
 GOAL_COLOUR = "#209040"
@@ -19,8 +21,11 @@ GOAL_COLOUR = "#209040"
 def save_plan(tracks: Mapping[str, Track], goal: Goal, path: str | os.PathLike) -> None:
     """Write a picture of the tracks of one plan, by title, such as expected and simulated."""
     figure = Figure(figsize=(5.5 * (1 + len(tracks)), 6), layout="constrained")
-    for axes in draw_ends(figure, tracks):
+    mark = Line2D([], [], color=GOAL_COLOUR, lw=2.0, label="the goal")
+    panels = draw_ends(figure, tracks, [mark])
+    for axes, _ in panels:
         _draw_goal(axes, next(iter(tracks.values())), goal)
+    place_names(figure, panels)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=100)
 

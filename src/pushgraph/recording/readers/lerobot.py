@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,14 +46,14 @@ def read_parquet(path: Path, options: ReadOptions) -> Sightings:
     return sightings_of_table(nodes, wrench, columns[time], np.stack(columns, -1), push, Declared(), options)
 
 
-def _holds_numbers(kind, arrow) -> bool:
+def _holds_numbers(kind: Any, arrow: Any) -> bool:
     types = arrow.types
     if types.is_list(kind) or types.is_fixed_size_list(kind) or types.is_large_list(kind):
         kind = kind.value_type
     return types.is_integer(kind) or types.is_floating(kind)
 
 
-def _episode(table, wanted: int | None):
+def _episode(table: Any, wanted: int | None) -> Any:
     of_row = table["episode_index"].to_pylist()
     episodes = sorted(set(of_row))
     if wanted is None and len(episodes) > 1:
@@ -63,7 +64,7 @@ def _episode(table, wanted: int | None):
     return table.take([row for row, episode in enumerate(of_row) if episode == wanted])
 
 
-def _matrix(column, name: str) -> np.ndarray:
+def _matrix(column: Any, name: str) -> np.ndarray:
     """Values of a column, [lines, 1], or [lines, length] if it holds vectors of one length."""
     rows = column.to_pylist()
     lengths = {len(row) for row in rows if isinstance(row, list)}

@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def _read_header(rows: Iterator[list[str]]) -> _Header:
     raise TrackError("no rows 'Type', 'Name' and 'Frame' over the columns, as exports of Motive have them")
 
 
-def _read_rows(rows, header: _Header, options: ReadOptions) -> Sightings:
+def _read_rows(rows: Any, header: _Header, options: ReadOptions) -> Sightings:
     places: dict[str, dict[str, int]] = {}
     columns = zip(header.kinds, header.names, header.quantities, header.axes, strict=False)
     for index, (kind, name, quantity, axis) in enumerate(columns):

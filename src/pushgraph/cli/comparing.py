@@ -1,0 +1,161 @@
+"""The commands compare and demo: predicted against simulated."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from pushgraph.cli.beliefs import joints_table, masses_table
+from pushgraph.cli.choices import Animation
+from pushgraph.cli.lever import compare_lever_scene, lever_scene
+from pushgraph.cli.output import console, say_files
+from pushgraph.cli.scenes import (
+    SPREAD_CAPTION,
+    SPREAD_COLUMNS,
+    check_animation_option,
+    load_scene,
+    scene_path,
+    stated_at_the_end,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from pushgraph.physics import PhysicsPredictor
+    from pushgraph.regulator import BeliefRegulator
+    from pushgraph.scene import Scene
+    from pushgraph.track import Track
+    from pushgraph.viewer.beliefs import Moment
+
+
+class Compared(NamedTuple):
+    """A scene as it was predicted and simulated, and the files that show it."""
+
+    predicted: "Track"
+    simulated: "Track"
+    outputs: list[Path]
+
+
+def compare(
+    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="contact, propnet, or a checkpoint; of scenes in space lever_up or a checkpoint.",
+            show_default="contact, lever_up",
+        ),
+    ] = None,
+    animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
+) -> None:
+    """Predict a scene's pushes, simulate the same, and compare: tracks, picture, animation, a table of how far off.
+
+    Examples:
+
+    `pushgraph compare scene.json --out compared`
+
+    `pushgraph compare demo --model propnet --animation none`
+    """
+    from pushgraph.physics import PhysicsPredictor
+
+    check_animation_option(animation)
+    folder = out or Path(Path(scene).stem)
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None:
+        compare_lever_scene(in_space, model or "lever_up", folder, animation)
+        return
+    compared = compare_scene(load_scene(scene), PhysicsPredictor.load(model or "contact"), folder, animation)
+    say_files(compared.outputs)
+
+
+def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, animation: Animation) -> Compared:
+    """Predict and simulate, write both tracks and what shows them, and print what is assumed, off and doubtful."""
+    from pushgraph.plausibility import assumptions, remarks, simplifications
+    from pushgraph.simulation.planar import simulate
+    from pushgraph.viewer.animation import save_animation
+    from pushgraph.viewer.picture import save_comparison
+
+    warn(assumptions(scene) + simplifications(scene, predictor.solves))
+    known = scene.with_nominal_values()
+    with console.status("Predicting"):
+        predicted = predictor.predict(known, spread=predictor.states_spread)
+    with console.status("Simulating"):
+        simulated = simulate(known)
+    tracks = {"Predicted": predicted, "Simulated": simulated}
+    outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png"]
+    with console.status("Drawing"):
+        for track, path in zip(tracks.values(), outputs, strict=False):
+            track.save(path)
+        save_comparison(tracks, outputs[2])
+        if animation != Animation.NONE:
+            outputs.append(out / f"animation.{animation.value}")
+            save_animation(tracks, outputs[-1])
+    console.print(differences(predicted, simulated))
+    warn([f"{title}: {said}" for title, track in tracks.items() for said in remarks(track)])
+    return Compared(predicted, simulated, outputs)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
+) -> None:
+    """Compare the shipped scene, predicted and simulated; then watch it, and predict what is believed.
+
+    Writes tables, pictures and an animation.
+
+    Example: `pushgraph demo --out demo`
+    """
+    from pushgraph.physics import PhysicsPredictor
+    from pushgraph.regulator import BeliefRegulator
+    from pushgraph.viewer.beliefs import save_believed_predictions
+
+    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
+    compared = compare_scene(scene, predictor, out, Animation.GIF)
+    with console.status("Watching"):
+        regulator = BeliefRegulator(scene, weigh=True)
+        believed = _predicted_while_watching(regulator, predictor, compared.simulated)
+    with console.status("Drawing"):
+        save_believed_predictions(compared.simulated, believed, regulator.pairs, out / "beliefs.png")
+    after = f"after {regulator.frames} frames"
+    console.print(joints_table(f"Believed {after}", regulator.pairs, regulator.probabilities))
+    console.print(masses_table(f"Masses believed {after}", regulator.masses(), scene, sensor=False))
+    say_files([*compared.outputs, out / "beliefs.png"])
+
+
+def _predicted_while_watching(
+    regulator: "BeliefRegulator", predictor: "PhysicsPredictor", track: "Track"
+) -> dict[str, "Moment"]:
+    """Predictions of the whole track from its start with what is believed before contact, midway and at the end."""
+    from pushgraph.belief_history import joined_as
+    from pushgraph.mass_history import with_masses
+    from pushgraph.viewer.beliefs import Moment
+
+    frames = len(track.times)
+    moments = {0: "Believed before contact", frames // 2: f"After {frames // 2} frames", frames - 1: "At the end"}
+    found = {}
+    for frame, (poses, down) in enumerate(track.frames()):
+        probabilities = regulator.observe(poses, down)
+        if frame in moments:
+            masses = regulator.masses()
+            scene = with_masses(joined_as(regulator.scene(), track.scene), masses)
+            found[moments[frame]] = Moment(predictor.predict_many([scene])[0], probabilities, masses)
+    return found
+
+
+def differences(predicted: "Track", simulated: "Track") -> Table:
+    """How far the bodies went, how far off their ends were predicted, and how far off they may be."""
+    table = Table(title=f"Predicted against simulated, after {simulated.times[-1]:.2f} s")
+    columns: Sequence[str] = ("body", "moved (cm)", "turned (deg)", "position off (cm)", "yaw off (deg)")
+    if predicted.spread is not None:
+        columns = (*columns, *SPREAD_COLUMNS)
+        table.caption = SPREAD_CAPTION
+    for name in columns:
+        table.add_column(name, justify="left" if name == "body" else "right")
+    change = simulated.poses[-1] - simulated.poses[0]
+    off, stated = predicted.poses[-1] - simulated.poses[-1], stated_at_the_end(predicted)
+    for node, name in enumerate(simulated.nodes[1:], start=1):
+        lengths = [f"{np.hypot(*values[node, :2]) * 100:.1f}" for values in (change, off)]
+        angles = [f"{np.degrees(values[node, 2]):.1f}" for values in (change, off)]
+        table.add_row(name, lengths[0], angles[0], lengths[1], angles[1], *stated[node - 1])
+    return table
