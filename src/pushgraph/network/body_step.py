@@ -18,6 +18,8 @@ RECOVERY = 0.2
 """Share of an overlap that is to be undone in a step."""
 REST = 2e-3
 """m/s: what is not faster after a step from rest, and is not touched by the tool, stays at rest."""
+FEW = 16
+"""Fewer boards than this are not worth compiling for, which takes a quarter of a minute once on a machine."""
 CONSTANTS = {"softness": SOFTNESS, "recovery": RECOVERY, "rest": REST}
 """What predictions depend on."""
 
@@ -47,6 +49,11 @@ def step(
     Boards at rest that tools do not touch stay as they are, bit for bit. Differentiable in the pose, the velocity and
     the wrench, at the contacts there are.
     """
+    if _can_be_compiled(state, wrench):
+        # Not before it is used: importing numba takes a second.
+        from pushgraph.network.compiled.body_step import solve_step
+
+        return solve_step(state, tool, next_tool, seconds, wrench)
     scenes, pose = state.scenes, state.pose
     contacts = find_contacts(scenes, pose.detach(), state.velocity.detach(), tool, next_tool, seconds)
     matrix = pose_3d.rotation_matrix(pose.detach()[:, 3:])
@@ -66,6 +73,15 @@ def step(
     problem = _problem(scenes, pose.detach(), contacts, mass_matrix, inverse, free, seconds)
     velocity = solve_body(problem, state.velocity)
     return _moved(state, velocity, _is_touched(scenes, contacts), seconds)
+
+
+def _can_be_compiled(state: LeverState, wrench: Tensor | None) -> bool:
+    """Whether boards are many, no gradients are wanted, and tensors are on a processor."""
+    if len(state.pose) < FEW:
+        return False
+    tensors = [state.pose, state.velocity] + [wrench] * (wrench is not None)
+    wanted = torch.is_grad_enabled() and any(values.requires_grad for values in tensors)
+    return not wanted and all(values.device.type == "cpu" and values.dtype == torch.float64 for values in tensors)
 
 
 def find_contacts(
