@@ -7,21 +7,17 @@ import torch
 from pushgraph import pose_3d
 from pushgraph.contact_patch import POINTS, contact_patch
 from pushgraph.graph.lever_batch import LeverState, start_lever
-from pushgraph.lever_physics import tool_knots
-from pushgraph.lever_scene import LeverScene
+from pushgraph.lever_physics import LeverPredictor, rollout_lever, tool_knots
 from pushgraph.network import body_step
 from pushgraph.network.compiled.box_contact import best_axis, edge_point, face_points
-from pushgraph.simulation.lever_setup import _draw_way, draw_drive
+from pushgraph.network.lever_dynamics import LEVERS
+from pushgraph.simulation.lever_setup import draw_scene
 
 
 def drawn_states(count: int) -> tuple[LeverState, torch.Tensor]:
     """Drives with the tool somewhere on its way, boards displaced, turned and in motion; and the way of a step."""
     rng = np.random.default_rng(1)
-    scenes = []
-    for number in range(count):
-        drive = draw_drive(1, number % 3)
-        tool, path = _draw_way(rng, drive, number % 4)
-        scenes.append(LeverScene(bodies=drive.bodies, tool=tool, path=path))
+    scenes = [draw_scene(1, k % 12) for k in range(count)]
     state = start_lever(scenes)
     twist = torch.from_numpy(rng.normal(size=(count, 6)) * [1e-3, 1e-3, 2e-3, 0.02, 0.02, 0.1])
     pose = pose_3d.compose(state.pose, pose_3d.exponential(twist))
@@ -43,20 +39,30 @@ def test_steps_are_those_in_tensors(monkeypatch: pytest.MonkeyPatch) -> None:
     torch.testing.assert_close(compiled.pose, tensors.pose, rtol=0, atol=1e-8)
 
 
-def test_boards_at_rest_stay_bit_for_bit() -> None:
-    state, way = drawn_states(16)
-    at_rest = start_lever_like(state)
-    moved = body_step.step(at_rest, way[:, 0] + 1.0, way[:, 0] + 1.0, 0.025)
-    assert torch.equal(moved.pose, at_rest.pose)
+def test_boards_that_nothing_touches_stay_bit_for_bit() -> None:
+    state = start_lever([draw_scene(1, k) for k in range(16)])
+    away = torch.tensor([5.0, 0, 0, 1, 0, 0, 0], dtype=torch.float64).expand(16, 7)
+    moved = body_step.step(state, away, away + 0.01 * torch.eye(7, dtype=torch.float64)[2], 0.025)
+    assert torch.equal(moved.pose, state.pose)
     assert not moved.velocity.any()
 
 
-def start_lever_like(state: LeverState) -> LeverState:
-    """The boards back on their plates, level and at rest."""
-    scenes = state.scenes
-    plates, top = scenes.pose[:, 1], scenes.pose[:, 1, 2] + scenes.half[:, 1, 2] + scenes.board_half[:, 2]
-    pose = torch.cat((plates[:, :2], top[:, None], plates[:, 3:]), -1)
-    return LeverState(scenes, pose, torch.zeros_like(state.velocity))
+def test_quaternions_stay_unit_and_poses_finite_over_300_frames() -> None:
+    """The screwdriver stays where it ended."""
+    scenes = [draw_scene(2, k) for k in range(32)]
+    tool = torch.from_numpy(np.stack([tool_knots(scene, 300) for scene in scenes]))
+    poses = rollout_lever(LeverPredictor.load().dynamics, start_lever(scenes), tool)
+    assert poses.isfinite().all()
+    assert float((poses[..., 3:].norm(dim=-1) - 1).abs().amax()) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", LEVERS)
+def test_a_thousand_rollouts_are_finite(kind: str) -> None:
+    torch.manual_seed(0)
+    predictor = LeverPredictor(LEVERS[kind](hidden=16).double().eval())
+    boards = np.concatenate([track.board for track in predictor.predict_many([draw_scene(3, k) for k in range(1000)])])
+    assert np.abs(np.linalg.norm(boards[:, 3:], axis=-1) - 1).max() < 1e-6
 
 
 def test_patches_of_boxes_are_those_in_tensors() -> None:

@@ -9,6 +9,9 @@ from rich.table import Table
 from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
 
+MOMENTS = 7
+"""So many moments of a rollout are told."""
+
 
 def lever_scene(path: Path):
     """The scene in a file if that holds one in space; None if it holds anything else, or cannot be read."""
@@ -43,6 +46,20 @@ def simulate_lever_scene(scene, out: Path, animation: str) -> None:
     write_lever_tracks({"Simulated": track}, out, animation)
 
 
+def demo_lever_scene(scene, out: Path) -> None:
+    """Predict and simulate, and write both side by side with how far they are apart on the way."""
+    from pushgraph.lever_physics import LeverPredictor
+    from pushgraph.simulation.lever import simulate_lever
+
+    predictor = LeverPredictor.load()
+    with console.status("Predicting"):
+        predicted = predictor.predict(scene)
+    with console.status("Simulating"):
+        simulated = simulate_lever(scene)
+    console.print(board_differences(predicted, simulated))
+    write_lever_tracks({"Simulated": simulated, "Predicted": predicted}, out, "gif")
+
+
 def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) -> None:
     """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
@@ -60,6 +77,29 @@ def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) 
     say_files(outputs)
 
 
+def board_differences(predicted, simulated) -> Table:
+    """How far a predicted board is from the simulated one, over the rollout."""
+    from pushgraph import pose_3d
+
+    table = Table(title="Predicted against simulated")
+    for name in ("time (s)", "moved (mm)", "turned (deg)", "rise (mm)", "position off (mm)", "rotation off (deg)"):
+        table.add_column(name, justify="right")
+    frames = np.linspace(0, len(simulated.poses) - 1, MOMENTS).round().astype(int)
+    start = simulated.board[0]
+    for frame in frames:
+        true, found = simulated.board[frame], predicted.board[frame]
+        moved, off = (1e3 * np.linalg.norm((pose - true)[:3]) for pose in (start, found))
+        turned, turned_off = (np.degrees(pose_3d.rotation_error(pose, true)) for pose in (start, found))
+        numbers = (simulated.times[frame], moved, turned, 1e3 * simulated.rise[frame], off, turned_off)
+        table.add_row(*(f"{round(number, 2) + 0.0:.2f}" for number in numbers))  # no -0.00
+    raised = ", ".join(
+        f"{name} {'raised' if track.raised else 'not raised'}"
+        for name, track in (("predicted", predicted), ("simulated", simulated))
+    )
+    table.caption = f"at the end: {raised}"
+    return table
+
+
 def final_board_poses(tracks: Mapping[str, object]) -> Table:
     """Where the board ended in each track."""
     from pushgraph import pose_3d
@@ -69,7 +109,7 @@ def final_board_poses(tracks: Mapping[str, object]) -> Table:
     table = Table(title=f"The board after {first.times[-1]:.2f} s")
     columns = ("x (m)", "y (m)", "z (m)", "moved (mm)", "turned (deg)", "rise (mm)", "overlap (mm)")
     for name in ("", *columns):
-        table.add_column(name, justify="right" if name else "left")
+        table.add_column(name, justify="right" if name else "left", no_wrap=not name)
     for title, track in tracks.items():
         start, end = track.board[0], track.board[-1]
         turned = np.degrees(pose_3d.rotation_error(start, end))

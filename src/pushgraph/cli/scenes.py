@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table
-from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
+from pushgraph.cli.lever import demo_lever_scene, lever_scene, predict_lever_scene, simulate_lever_scene
 from pushgraph.cli.output import check_choice, console, say_files
 from pushgraph.errors import SceneError
 
@@ -20,14 +20,30 @@ SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
+    scene: Annotated[str, typer.Argument(help="demo, on a table; lever-up, in space.")] = "demo",
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
 ) -> None:
-    """Predict the shipped scene, simulate the same, and compare; then watch it, and predict what is believed.
+    """Predict a shipped scene, simulate the same, and compare; on a table also watch it, and predict what is believed.
 
     Writes tables, pictures and an animation.
 
-    Example: `pushgraph demo --out demo`
+    Examples:
+
+    `pushgraph demo --out demo`
+
+    `pushgraph demo lever-up`
     """
+    shown, folder = shipped_scenes(), out or Path(scene)
+    if scene not in shown:
+        raise typer.BadParameter(f"{scene!r}; valid: {', '.join(shown)}", param_hint="SCENE")
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None:
+        demo_lever_scene(in_space, folder)
+    else:
+        _demo_on_table(load_scene(scene), folder)
+
+
+def _demo_on_table(scene, out: Path) -> None:
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.regulator import BeliefRegulator
     from pushgraph.simulation.planar import simulate
@@ -35,7 +51,7 @@ def demo(
     from pushgraph.viewer.beliefs import save_believed_predictions
     from pushgraph.viewer.picture import save_comparison
 
-    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
+    predictor = PhysicsPredictor.load()
     with console.status("Predicting"):
         predicted = predictor.predict(scene, spread=True)
     with console.status("Simulating"):
@@ -271,6 +287,11 @@ def _write_track(track, out: Path, animation: str, written: Sequence[Path] = ())
     say_files([*outputs, *written])
 
 
+def shipped_scenes() -> list[str]:
+    """Names of the scenes that come with pushgraph."""
+    return sorted(path.stem for path in SHIPPED_SCENES.glob("*.json"))
+
+
 def scene_path(source: str) -> Path:
     """The file itself, or a shipped one by name."""
     shipped = SHIPPED_SCENES / f"{source}.json"
@@ -285,8 +306,7 @@ def load_scene(source: str):
         return Scene.load(scene_path(source))
     except SceneError as error:
         if isinstance(error.__cause__, FileNotFoundError):
-            shipped = ", ".join(sorted(path.stem for path in SHIPPED_SCENES.glob("*.json")))
-            raise SceneError(f"{error}; shipped scenes: {shipped}") from None
+            raise SceneError(f"{error}; shipped scenes: {', '.join(shipped_scenes())}") from None
         raise
 
 

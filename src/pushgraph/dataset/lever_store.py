@@ -77,9 +77,13 @@ class LeverDataset(RaggedFile):
     def __getitem__(self, index: int) -> LeverTrack:
         """The track of one interaction, its scene checked when it was written."""
         index = self.place(index)
-        scene = LeverScene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)
+        scene = self.scene(index)
         poses = self.columns(index, index + 1).poses.astype(np.float64)
         return LeverTrack(scene, pose_3d.normalized(poses).reshape(-1, 1 + len(scene.bodies), 7))
+
+    def scene(self, index: int) -> LeverScene:
+        """The scene of one interaction, with the path of its tool."""
+        return LeverScene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)
 
     @property
     def side(self) -> np.ndarray:

@@ -25,6 +25,8 @@ NOISE_FLOOR = "noise_floor"
 TOUCHES = 1e-4
 """The tool touches the board from this gap (m) on."""
 DRIVES_AT_ONCE = 2
+INTERACTIONS = 500
+"""Label of what has not learnt."""
 ALL = "all"
 
 
@@ -133,20 +135,20 @@ def evaluate_lever_up(
     drives: int,
     seed: int,
     models: Mapping[str, str | os.PathLike],
-    interactions: int = 500,
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[Results, list[LeverCase]]:
     """Measure `models`, checkpoints by name, beside the baselines and the noise floor, on the sides of test drives.
 
-    interactions: that the models were trained on. progress: is told how many drives are done. Raises EvaluationError
-    if the drives of this seed are for training.
+    progress: is told how many drives are done. Raises EvaluationError if the drives of this seed are for training.
     """
+    trained_on = {name: LeverPredictor.load(path).record["data"]["interactions"] for name, path in models.items()}
     measured = measure_blocks(measure_drives, [1], drives, seed, models, workers, progress, LEVER_UP, DRIVES_AT_ONCE)
     cases = [case for drive in measured for case in drive]
     protocol = {"count": drives, "seed": seed, "raised": sum(case.raised for case in cases), "of": len(cases)}
     results = Results(LEVER_UP, protocol, ("subset", "interactions", "side", "ledge"))
     for model in (*BASELINES, *models, NOISE_FLOOR):
+        interactions = trained_on.get(model, INTERACTIONS)
         for add, chosen in _selections(cases, functools.partial(results.add, model, interactions=interactions)):
             _add_metrics(add, model, [case for case, take in zip(cases, chosen, strict=True) if take])
     return results, cases
