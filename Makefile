@@ -89,7 +89,7 @@ weights-spread: data
 
 weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \
-	  --samples 25600 --out $(WEIGHTS)/lever_up.safetensors
+	  --samples 12800 --out $(WEIGHTS)/lever_up.safetensors
 
 clean:
 	rm -rf $(VENV) demo

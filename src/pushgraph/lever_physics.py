@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +27,7 @@ def tool_knots(scene: LeverScene, frames: int) -> Float[np.ndarray, "knots 7"]:
 
 
 def rollout_lever(
-    dynamics: LeverDynamics, state: LeverState, tool: Float[Tensor, "batch knots 7"]
+    dynamics: Callable[[LeverState, Tensor], LeverState], state: LeverState, tool: Float[Tensor, "batch knots 7"]
 ) -> Float[Tensor, "batch frames 7"]:
     """pose_world_from_board in all frames, the first being the state's. tool: see `tool_knots`."""
     poses = [state.pose]

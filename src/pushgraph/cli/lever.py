@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
 from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
+
+if TYPE_CHECKING:
+    from pushgraph.lever_track import LeverTrack
 
 MOMENTS = 7
 """So many moments of a rollout are told."""
@@ -60,7 +64,7 @@ def demo_lever_scene(scene, out: Path) -> None:
     write_lever_tracks({"Simulated": simulated, "Predicted": predicted}, out, "gif")
 
 
-def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) -> None:
+def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: str) -> None:
     """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
 
@@ -77,7 +81,7 @@ def write_lever_tracks(tracks: Mapping[str, object], out: Path, animation: str) 
     say_files(outputs)
 
 
-def board_differences(predicted, simulated) -> Table:
+def board_differences(predicted: "LeverTrack", simulated: "LeverTrack") -> Table:
     """How far a predicted board is from the simulated one, over the rollout."""
     from pushgraph import pose_3d
 
@@ -100,7 +104,7 @@ def board_differences(predicted, simulated) -> Table:
     return table
 
 
-def final_board_poses(tracks: Mapping[str, object]) -> Table:
+def final_board_poses(tracks: Mapping[str, "LeverTrack"]) -> Table:
     """Where the board ended in each track."""
     from pushgraph import pose_3d
     from pushgraph.lever_track import RAISED

@@ -24,7 +24,7 @@ BASELINES = ("still", "rigid")
 NOISE_FLOOR = "noise_floor"
 TOUCHES = 1e-4
 """The tool touches the board from this gap (m) on."""
-DRIVES_AT_ONCE = 2
+DRIVES_AT_ONCE = 4
 INTERACTIONS = 500
 """Label of what has not learnt."""
 ALL = "all"
@@ -101,21 +101,19 @@ def simulate_lever_again(scene: LeverScene, rng: np.random.Generator, noise: Sta
 def measure_drives(block: Block) -> list[list[LeverCase]]:
     """The four interactions of each drive of a block; its models are checkpoints of predictors."""
     predictors = {name: LeverPredictor.load(path) for name, path in block.models}
-    return [_measure_drive(block.seed, drive, predictors) for drive in range(block.first, block.first + block.count)]
-
-
-def _measure_drive(seed: int, drive: int, predictors: Mapping[str, LeverPredictor]) -> list[LeverCase]:
-    interactions = [draw_interaction(seed, drive * len(SIDES) + side) for side in range(len(SIDES))]
+    numbers = [(drive, side) for drive in range(block.first, block.first + block.count) for side in range(len(SIDES))]
+    interactions = [draw_interaction(block.seed, drive * len(SIDES) + side) for drive, side in numbers]
     scenes = [interaction.track.scene for interaction in interactions]
     tracks: dict[str, Sequence[LeverTrack | None]] = {
         "still": [still(scene) for scene in scenes],
         "rigid": [rigid(scene) for scene in scenes],
         **{name: predictor.predict_many(scenes) for name, predictor in predictors.items()},
         NOISE_FLOOR: [
-            simulate_lever_again(scene, np.random.default_rng([seed, drive, side])) for side, scene in enumerate(scenes)
+            simulate_lever_again(scene, np.random.default_rng([block.seed, *number]))
+            for number, scene in zip(numbers, scenes, strict=True)
         ],
     }
-    return [
+    cases = [
         LeverCase(
             drive,
             interaction.side,
@@ -127,8 +125,9 @@ def _measure_drive(seed: int, drive: int, predictors: Mapping[str, LeverPredicto
                 if (track := some[k]) is not None
             },
         )
-        for k, interaction in enumerate(interactions)
+        for k, ((drive, _), interaction) in enumerate(zip(numbers, interactions, strict=True))
     ]
+    return [cases[k : k + len(SIDES)] for k in range(0, len(cases), len(SIDES))]
 
 
 def evaluate_lever_up(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph import pose_3d
-from pushgraph.lever_scene import LeverScene
+from pushgraph.lever_scene import Box, LeverScene, ToolBox
 
 
 class LeverBatch(NamedTuple):
@@ -68,8 +68,10 @@ def displacement(before: Float[Tensor, "batch 7"], after: Float[Tensor, "batch 7
 def _tensors(scene: LeverScene, width: int) -> LeverBatch:
     board = scene.bodies[scene.board]
     half = np.array(board.size) / 2
-    fixed = [(body, body.friction, False) for body in scene.bodies if body.fixed]
-    boxes = [*fixed, *((box, scene.tool.friction, True) for box in scene.tool.boxes)]
+    boxes: list[tuple[Box | ToolBox, float, bool]] = [
+        (body, body.friction, False) for body in scene.bodies if body.fixed
+    ]
+    boxes += [(box, scene.tool.friction, True) for box in scene.tool.boxes]
     spare = width - len(boxes)
     absent = np.array([0, 0, 0, 1.0, 0, 0, 0])
     squares = half**2

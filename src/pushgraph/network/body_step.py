@@ -79,7 +79,7 @@ def _can_be_compiled(state: LeverState, wrench: Tensor | None) -> bool:
     """Whether boards are many, no gradients are wanted, and tensors are on a processor."""
     if len(state.pose) < FEW:
         return False
-    tensors = [state.pose, state.velocity] + [wrench] * (wrench is not None)
+    tensors = [state.pose, state.velocity] if wrench is None else [state.pose, state.velocity, wrench]
     wanted = torch.is_grad_enabled() and any(values.requires_grad for values in tensors)
     return not wanted and all(values.device.type == "cpu" and values.dtype == torch.float64 for values in tensors)
 
@@ -106,7 +106,8 @@ def find_contacts(
     pairs = pose[scene], scenes.board_half[scene], boxes[scene, box], scenes.half[scene, box]
     close = axes_between(*pairs).gap.amax(-1) < margin[scene, box]
     scene, box = scene[close], box[close]
-    patch = contact_patch(*(values[close] for values in pairs))
+    board, board_half, place, half = (values[close] for values in pairs)
+    patch = contact_patch(board, board_half, place, half)
     pair, _ = slots = (patch.touches & (patch.gap < margin[scene, box][:, None])).nonzero(as_tuple=True)
     point, scene, box = patch.point[slots], scene[pair], box[pair]
     other = moves[scene, :3] + pose_3d.cross(moves[scene, 3:], point - tool[scene, :3])

@@ -1,6 +1,6 @@
 """Two predictors of boards among boxes behind one interface: state and way of the tool in a frame to the next state."""
 
-from typing import Any
+from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -47,8 +47,8 @@ class LeverContact(LeverDynamics):
 
     def __init__(self, hidden: int = 64, steps: int = 2) -> None:
         super().__init__(hidden, steps)
-        nn.init.zeros_(self.network.head[-1].weight)
-        nn.init.zeros_(self.network.head[-1].bias)
+        nn.init.zeros_(self._last.weight)
+        nn.init.zeros_(self._last.bias)
 
     @staticmethod
     def schema() -> dict[str, Any]:
@@ -59,8 +59,11 @@ class LeverContact(LeverDynamics):
     @property
     def is_silent(self) -> bool:
         """Whether it corrects nothing, as before training, and is not being trained."""
-        last = self.network.head[-1]
-        return not self.training and not (last.weight.any() or last.bias.any())
+        return not self.training and not (self._last.weight.any() or self._last.bias.any())
+
+    @property
+    def _last(self) -> nn.Linear:
+        return cast(nn.Linear, self.network.head[-1])
 
     def forward(self, state: LeverState, tool: Float[Tensor, "batch knots 7"]) -> LeverState:
         """See LeverDynamics."""

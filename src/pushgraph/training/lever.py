@@ -85,8 +85,8 @@ class Interactions(NamedTuple):
 class LeverTask:
     """Unrolled prediction of windows; validation by rollouts from the start of every validation interaction."""
 
-    numbers = ("bounded_error_mm", "final_position_error_mm", "final_rotation_error_deg")
-    physics = None
+    numbers: tuple[str, ...] = ("bounded_error_mm", "final_position_error_mm", "final_rotation_error_deg")
+    physics: str | None = None
 
     def __init__(self, training: LeverTraining, processes: Processes, device: torch.device) -> None:
         self._training, self._rank = training, processes.rank

@@ -62,7 +62,8 @@ def solve_step(
     most = POINTS * boards.half.shape[1]
 
     def work(first: int, last: int) -> None:
-        contacts = Contacts(*(np.empty((most, 3)) for _ in range(3)), np.empty(most), np.empty(most))
+        normal, arm, aim = np.empty((3, most, 3))
+        contacts = Contacts(normal, arm, aim, friction=np.empty(most), softness=np.empty(most))
         _step_scenes(boards, first, last, seconds, contacts, pose, velocity)
 
     share_out(work, len(pose))
