@@ -121,7 +121,7 @@ def outside(scene: Scene | LeverScene, ranges: Mapping[str, Sequence[float]]) ->
 
 def warn_of_range(scenes: Iterable[Scene | LeverScene], ranges: Mapping[str, Sequence[float]]) -> bool:
     """Warn of the first scene that is unlike those that a predictor was checked on; returns whether there is one."""
-    for scene in scenes:
+    for scene in scenes if ranges else ():
         if said := outside(scene, ranges):
             warnings.warn(f"unlike what this predictor was checked on: {'; '.join(said)}", RangeWarning, 4)
             return True

@@ -61,12 +61,11 @@ def _show(progress, task, done: int) -> None:
 
 def _show_cases(cases, seed: int, network: str, out: Path) -> None:
     """Pictures and animations of the raised boards whose error is the median, and the largest."""
-    from pushgraph.evaluation.lever_up import rigid
-    from pushgraph.lever_physics import LeverPredictor
+    from pushgraph.evaluation.lever_up import load_without_range, rigid
     from pushgraph.simulation.lever_setup import SIDES, draw_interaction
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
 
-    predictor = LeverPredictor.load(network)
+    predictor = load_without_range(network)
     raised = sorted((case for case in cases if case.raised), key=lambda case: case.errors["network"].final_position)
     for name, case in {"median": raised[len(raised) // 2], "largest": raised[-1]}.items() if raised else ():
         true = draw_interaction(seed, case.drive * len(SIDES) + SIDES.index(case.side)).track
