@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ ALONE = 8
 """So many scenes are predicted one by one."""
 
 
-def seconds(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, object]:
+def seconds(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[float, Any]:
     """The fastest of some runs, and what the last returned."""
     taken, found = [], None
     for _ in range(repeats):

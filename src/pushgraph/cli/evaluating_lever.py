@@ -87,16 +87,16 @@ def _table(results, subset: str, count: int) -> Table:
 
 
 def _table_of_groups(results) -> Table:
-    """Of raised boards, by the side from which they are levered, and by whether a ledge stands there."""
+    """Of raised boards, by the side from which they are levered, and by whether a ledge stands at that side."""
     from pushgraph.simulation.lever_setup import SIDES
 
     models = list(dict.fromkeys(row["model"] for row in results.rows))
     table = Table(title="Raised boards: mm / degrees at the end, medians")
     for name in ("", *models):
-        table.add_column(name.replace("_", " "), justify="right" if name else "left")
+        table.add_column(name.replace("_", " "), justify="right" if name else "left", no_wrap=True)
     values = _values(results, "raised")
     groups = {f"{side} side": (side, "all") for side in SIDES}
-    groups |= {"with a ledge there": ("all", "with"), "without": ("all", "without")}
+    groups |= {"with a ledge": ("all", "with"), "without": ("all", "without")}
     for name, group in groups.items():
         table.add_row(name, *(" / ".join(_told(values[model, metric, *group]) for metric in FINAL) for model in models))
     return table
