@@ -90,6 +90,8 @@ weights-spread: data
 weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \
 	  --samples 12800 --out $(WEIGHTS)/lever_up.safetensors
+	$(BIN)/pushgraph train lever-up --model lever_up_propnet --data $(DATA)/lever-up.h5 --processes 1 \
+	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --out $(WEIGHTS)/lever_up_propnet.safetensors
 
 clean:
 	rm -rf $(VENV) demo

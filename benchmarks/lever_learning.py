@@ -60,7 +60,7 @@ def main(
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     for axes, (metric, label) in zip(figure.subplots(1, 2), METRICS.items(), strict=True):
         draw(axes, {model: row for (model, name), row in rows.items() if name == metric}, sizes, label)
-    figure.axes[0].legend(frameon=False, fontsize=8)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     figure.savefig(out / "lever_learning.png", dpi=110)
     console.print(f"Written: {out / 'results.json'}, {out / 'lever_learning.png'}")
 
