@@ -13,7 +13,7 @@ MASSES := --masses $(DATA)/masses.h5 --masses-validation $(DATA)/masses-validati
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
-.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe weights-spread data clean
+.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe weights-spread weights-lever-up data clean
 
 install: $(VENV)/.installed
 
@@ -41,11 +41,13 @@ lint: install
 schema: install
 	$(BIN)/python -c 'import json; from pushgraph import Scene; print(json.dumps(Scene.model_json_schema(), indent=2))' \
 	  > docs/scene.schema.json
+	$(BIN)/python -c 'import json; from pushgraph import LeverScene as S; print(json.dumps(S.model_json_schema(), indent=2))' \
+	  > docs/lever-scene.schema.json
 
 # Every shipped checkpoint from nothing; killed, the same command goes on. make -j2 weights trains two side by side.
 # Beliefs stand on the physics weights, and spreads on both, so they come after them.
 weights: data
-	+$(MAKE) weights-contact weights-propnet
+	+$(MAKE) weights-contact weights-propnet weights-lever-up
 	+$(MAKE) weights-belief weights-paper-recipe
 	+$(MAKE) weights-spread
 
@@ -59,6 +61,8 @@ data: install
 	$(BIN)/pushgraph generate different-masses-mixed --objects 9 --count 1600 --seed 0 --out $(DATA)/masses.h5
 	$(BIN)/pushgraph generate different-masses-mixed --objects 9 --count 64 --seed 900000 \
 	  --out $(DATA)/masses-validation.h5
+	$(BIN)/pushgraph generate lever-up --drives 125 --seed 0 --out $(DATA)/lever-up.h5
+	$(BIN)/pushgraph generate lever-up --drives 64 --seed 900000 --out $(DATA)/lever-up-validation.h5
 
 weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
@@ -83,6 +87,12 @@ weights-paper-recipe: data
 weights-spread: data
 	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
 	  --rollouts 6400 --samples 4000000 --out $(WEIGHTS)/spread.safetensors
+
+weights-lever-up: data
+	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \
+	  --samples 12800 --out $(WEIGHTS)/lever_up.safetensors
+	$(BIN)/pushgraph train lever-up --model lever_up_propnet --data $(DATA)/lever-up.h5 --processes 1 \
+	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --out $(WEIGHTS)/lever_up_propnet.safetensors
 
 clean:
 	rm -rf $(VENV) demo

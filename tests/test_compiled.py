@@ -156,7 +156,7 @@ def test_scenes_do_not_depend_on_their_neighbours_nor_on_threads(scenes, monkeyp
     assert np.abs(together).max() > 1e-3
     alone = [solve_step(*one_of(state, control, k)).motion[0] for k in range(len(scenes))]
     np.testing.assert_array_equal(together, np.stack(alone))
-    monkeypatch.setattr("pushgraph.network.compiled.step.SHARE", 4)
+    monkeypatch.setattr("pushgraph.network.compiled.threads.SHARE", 4)
     monkeypatch.setattr("torch.get_num_threads", lambda: 3)
     np.testing.assert_array_equal(together, solve_step(state, control).motion)
 

@@ -1,12 +1,16 @@
 """Levering up: scenes that say what is wrong with them, the laws of the simulation, tracks and pictures."""
 
 import json
+import re
+from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
 from pushgraph import pose_3d
 from pushgraph.cli import main
+from pushgraph.cli.scenes import SHIPPED_SCENES
 from pushgraph.errors import SceneError, SimulationError, TrackError
 from pushgraph.lever_scene import Box, LeverScene, LeverTool, ToolBox, WayPoint
 from pushgraph.lever_track import LeverTrack
@@ -62,6 +66,19 @@ def test_a_scene_comes_back_from_its_file_bit_for_bit(tmp_path) -> None:
     scene = draw_interaction(0, 0).track.scene
     (tmp_path / "scene.json").write_text(scene.to_json())
     assert LeverScene.load(tmp_path / "scene.json") == scene
+
+
+def test_the_published_schema_is_the_code_s_and_shipped_scenes_fit_it() -> None:
+    schema = json.loads((Path(__file__).parents[1] / "docs" / "lever-scene.schema.json").read_text())
+    assert schema == LeverScene.model_json_schema(), "docs/lever-scene.schema.json is stale: run make schema"
+    scene = json.loads((SHIPPED_SCENES / "lever-up.json").read_text())
+    for valid in (scene, json.loads(scene_of(FLOOR, BOARD).to_json())):
+        jsonschema.validate(valid, schema)
+    for change in ({"size": [0.1, -0.1, 0.1]}, {"quaternion": [1.0, 0.0, 0.0]}, {"weight": 1.0}):
+        scene["bodies"][0] |= change
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, schema)
+        scene["bodies"][0] = scene["bodies"][1]
 
 
 def test_between_way_points_the_tool_turns_about_its_origin() -> None:
@@ -165,9 +182,48 @@ def test_the_nearer_box_hides_the_other_and_a_transparent_one_does_not() -> None
     np.testing.assert_allclose(mixed, (red + green) / 2)
 
 
-def test_the_command_simulates_scenes_in_space(tmp_path, capsys) -> None:
-    with pytest.raises(SystemExit):
-        main(["simulate", "lever-up", "--out", str(tmp_path), "--animation", "none"])
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    return exit_.value.code
+
+
+@pytest.mark.parametrize("command", ["simulate", "predict"])
+def test_the_commands_take_scenes_in_space(command: str, tmp_path, capsys) -> None:
+    scene = LeverScene.load(SHIPPED_SCENES / "lever-up.json")
+    path = tmp_path / "own.json"
+    path.write_text(scene.replace(path=scene.path[:3]).to_json())
+    assert run(command, str(path), "--out", str(tmp_path / "out"), "--animation", "none") == 0
     assert "rise" in capsys.readouterr().out
-    assert LeverTrack.load(tmp_path / "track.h5").raised
-    assert (tmp_path / "picture.png").stat().st_size > 10_000
+    assert LeverTrack.load(tmp_path / "out" / "track.h5").raised
+    assert (tmp_path / "out" / "picture.png").stat().st_size > 10_000
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {"track.h5", "picture.png"}
+
+
+def test_predict_refuses_what_a_scene_in_space_has_not(tmp_path, capsys) -> None:
+    out = str(tmp_path / "out")
+    assert run("predict", "lever-up", "--out", out, "--masses", "mean") == 2
+    assert "scenes in space know no other than given" in " ".join(capsys.readouterr().err.split())
+    assert run("predict", "lever-up", "--out", out, "--model", "contact") == 1
+    assert "for scenes in space valid: lever_up" in " ".join(capsys.readouterr().err.split())
+    scene = json.loads((SHIPPED_SCENES / "lever-up.json").read_text())
+    scene["bodies"][0]["size"][2] = -0.02
+    (tmp_path / "bad.json").write_text(json.dumps(scene))
+    assert run("predict", str(tmp_path / "bad.json"), "--out", out) == 1
+    assert "bodies[0] 'drive': size[2]" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_demo_tells_how_far_prediction_is_from_simulation(tmp_path, capsys) -> None:
+    assert run("demo", "lever-up", "--out", str(tmp_path)) == 0
+    printed = capsys.readouterr().out
+    assert "predicted raised, simulated raised" in printed
+    last = [float(cell) for cell in re.findall(r"│ +3\.00 │(.*)│", printed)[0].split("│")]
+    predicted, simulated = (LeverTrack.load(tmp_path / f"{name}.h5") for name in ("predicted", "simulated"))
+    off = 1e3 * np.linalg.norm((predicted.board - simulated.board)[-1, :3])
+    assert last[3] == pytest.approx(off, abs=0.006)
+    assert off < 1
+    assert {one.name for one in tmp_path.iterdir()} == {
+        "predicted.h5", "simulated.h5", "picture.png", "animation.gif",
+    }  # fmt: skip
+    assert run("demo", "lever-down") == 2
+    assert "valid: demo, lever-up" in " ".join(capsys.readouterr().err.split())

@@ -1,6 +1,7 @@
 """Datasets and the evaluation of levering up: bytes that do not depend on the way, errors worked by hand."""
 
 import hashlib
+import json
 from pathlib import Path
 
 import h5py
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from pushgraph import pose_3d
+from pushgraph.cli import main
 from pushgraph.dataset import generate as generation
 from pushgraph.dataset.generate import generate
 from pushgraph.dataset.lever_store import LeverDataset, table
@@ -113,3 +115,24 @@ def test_the_suite_has_a_row_for_every_selection() -> None:
     assert all(row["interactions"] == 500 for row in results.rows)
     with pytest.raises(EvaluationError, match="training"):
         evaluate_lever_up(1, 0, {})
+
+
+@pytest.mark.slow
+def test_the_command_shows_boards_beside_the_truth(tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main(["evaluate", "lever-up", "--count", "1", "--workers", "1", "--out", str(tmp_path)])
+    assert exit_.value.code == 0
+    printed = capsys.readouterr().out
+    assert all(group in printed for group in ("east side", "south side", "with a ledge", "without"))
+    names = {one.name for one in tmp_path.iterdir()}
+    assert names == {"results.json", "median.png", "median.gif", "largest.png", "largest.gif"}
+    rows = json.loads((tmp_path / "results.json").read_text())["rows"]
+    (network,) = (
+        row["value"]
+        for row in rows
+        if row["model"] == "network"
+        and (row["metric"], row["subset"], row["side"], row["ledge"])
+        == ("final_position_error_mm", "all", "all", "all")
+    )
+    assert network < 1
+    assert {row["interactions"] for row in rows} == {500}

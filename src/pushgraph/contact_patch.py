@@ -16,6 +16,10 @@ from pushgraph.contact_axes import axes_between
 
 PREFER_FACES = 1e-4
 """Edges count as the axis only if their gap is larger than the faces' by this (m): patches of faces say more."""
+TIE = 1e-9
+"""Of two faces that tell the same within this (m), the first counts: rounding must not choose."""
+FLAT = 1e-12
+"""Lengths (m) and determinants below this count as none."""
 POINTS = 12
 """Ends of the four edges of the second face, cut to the first, and the four corners of the first."""
 
@@ -43,8 +47,7 @@ def contact_patch(
     axes = axes_between(pose_a, half_a, pose_b, half_b)
     favour = torch.zeros_like(axes.gap)
     favour[..., 6:] = prefer_faces
-    # Of two faces that tell the same, the first: rounding must not choose.
-    favour[..., 3:6] = 1e-9
+    favour[..., 3:6] = TIE
     best = (axes.gap - favour).argmax(-1)
     normal = axes.normal.gather(-2, best[..., None, None].expand(*best.shape, 1, 3))[..., 0, :]
     gap = axes.gap.gather(-1, best[..., None])
@@ -89,7 +92,7 @@ def _faces(
     along = corner.roll(-1, -2) - corner
     # Cut every edge to the outline: the shares of it between both pairs of sides.
     outline = extent[..., None, :2]
-    flat = along[..., :2].abs() < 1e-12
+    flat = along[..., :2].abs() < FLAT
     safe = torch.where(flat, 1.0, along[..., :2])
     one, other = (-outline - corner[..., :2]) / safe, (outline - corner[..., :2]) / safe
     inside = corner[..., :2].abs() <= outline
@@ -118,7 +121,7 @@ def _corners_within(
 ) -> tuple[Float[Tensor, "*batch 4 3"], Bool[Tensor, "*batch 4"]]:
     """Corners moved along z onto the parallelogram centre + s u + t v, and whether they meet its inside."""
     determinant = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    determinant = torch.where(determinant.abs() < 1e-12, 1e-12, determinant)[..., None]
+    determinant = torch.where(determinant.abs() < FLAT, FLAT, determinant)[..., None]
     from_centre = corner - centre[..., None, :2]
     s = (from_centre[..., 0] * v[..., None, 1] - from_centre[..., 1] * v[..., None, 0]) / determinant
     t = (from_centre[..., 1] * u[..., None, 0] - from_centre[..., 0] * u[..., None, 1]) / determinant
@@ -160,7 +163,7 @@ def _edges(
     on_b, along_b = _edge(pose_b, half_b, -normal, pair % 3)
     cosine = (along_a * along_b).sum(-1)
     offset = on_b - on_a
-    sine = (1 - cosine * cosine).clamp(min=1e-12)
+    sine = (1 - cosine * cosine).clamp(min=FLAT)
     share = (cosine * (along_a * offset).sum(-1) - (along_b * offset).sum(-1)) / sine
     return on_b + share[..., None] * along_b
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +17,8 @@ from pushgraph.graph.lever_batch import LeverState, start_lever
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack, frame_times
 from pushgraph.network.lever_dynamics import KNOTS, LEVERS, LeverDynamics
+from pushgraph.network.registry import NETWORKS
+from pushgraph.scene_range import warn_of_range
 from pushgraph.track_frames import FRAME
 
 
@@ -26,7 +28,7 @@ def tool_knots(scene: LeverScene, frames: int) -> Float[np.ndarray, "knots 7"]:
 
 
 def rollout_lever(
-    dynamics: LeverDynamics, state: LeverState, tool: Float[Tensor, "batch knots 7"]
+    dynamics: Callable[[LeverState, Tensor], LeverState], state: LeverState, tool: Float[Tensor, "batch knots 7"]
 ) -> Float[Tensor, "batch frames 7"]:
     """pose_world_from_board in all frames, the first being the state's. tool: see `tool_knots`."""
     poses = [state.pose]
@@ -44,6 +46,7 @@ class LeverPredictor:
         self, dynamics: LeverDynamics, record: Mapping[str, Any] | None = None, hash: str | None = None
     ) -> None:
         self.dynamics, self.record, self.hash = dynamics, dict(record or {}), hash
+        self._warned = False
 
     @classmethod
     def load(cls, model: str | os.PathLike = "lever_up", device: str = "cpu") -> "LeverPredictor":
@@ -51,7 +54,7 @@ class LeverPredictor:
 
         Raises CheckpointError if there is no such file, or any part of it is not what it should be.
         """
-        path = shipped(str(model)) if str(model) in LEVERS and not Path(model).is_file() else Path(model)
+        path = shipped(str(model)) if str(model) in NETWORKS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in LEVERS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}; for scenes in space valid: {', '.join(LEVERS)}")
@@ -63,7 +66,12 @@ class LeverPredictor:
         return self.predict_many([scene])[0]
 
     def predict_many(self, scenes: Sequence[LeverScene]) -> list[LeverTrack]:
-        """Predict many scenes side by side. Raises PredictionError if a pose is not finite."""
+        """Predict many scenes side by side.
+
+        Warns, once, of what is unlike the scenes that the predictor was checked on. Raises PredictionError if a pose is
+        not finite.
+        """
+        self._warned = self._warned or warn_of_range(scenes, self.record.get("range", {}))
         frames = [len(frame_times(scene)) for scene in scenes]
         tool = torch.from_numpy(np.stack([tool_knots(scene, max(frames) - 1) for scene in scenes]))
         with torch.no_grad():

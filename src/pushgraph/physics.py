@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from pushgraph.array_input import Values, checked
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
-from pushgraph.errors import AssumptionWarning, CheckpointError, PredictionError, RangeWarning, SceneError
+from pushgraph.errors import AssumptionWarning, CheckpointError, PredictionError, SceneError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
@@ -30,7 +30,7 @@ from pushgraph.plausibility import PREDICTED_OVERLAP, assumed_values, refusal, s
 from pushgraph.push_batch import PushPredictions, pushes_of
 from pushgraph.scene import OVERLAP, Scene
 from pushgraph.scene_parts import SceneInParts, in_parts
-from pushgraph.scene_range import outside
+from pushgraph.scene_range import warn_of_range
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.spread import Spread
 from pushgraph.spread_model import SpreadModel
@@ -304,7 +304,7 @@ class PhysicsPredictor:
         Later pushes may come down on bodies: see `pushgraph.plausibility.refusal`. Raises PredictionError if a pose is
         not finite; what caused it is saved.
         """
-        self._warn_of_range(scenes)
+        self._warned = self._warned or warn_of_range(scenes, self.record.get("range", {}))
         plans = [plan_tool(scene.pushes, scene.tool, frames) for scene in scenes]
         longest = max(len(push) for _, push in plans)
         tool = np.stack([np.concatenate((poses, np.repeat(poses[-1:], longest - len(poses), 0))) for poses, _ in plans])
@@ -344,16 +344,6 @@ class PhysicsPredictor:
                 )
             )
         return tracks
-
-    def _warn_of_range(self, scenes: Sequence[Scene]) -> None:
-        """Warn, once, of what is unlike the scenes that the predictor was checked on."""
-        if self._warned or not self.record.get("range"):
-            return
-        for scene in scenes:
-            if said := outside(scene, self.record["range"]):
-                self._warned = True
-                warnings.warn(f"unlike what this predictor was checked on: {'; '.join(said)}", RangeWarning, 4)
-                return
 
     def _check_finite(self, poses: Tensor, tool: np.ndarray) -> None:
         bad = ~poses.isfinite().all(-1)

@@ -1,10 +1,15 @@
 """What a predictor was checked on: the range of every quantity in the scenes of its data, and what lies outside."""
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from pushgraph import pose_3d
+from pushgraph.errors import RangeWarning
+from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import Scene
 
 UNITS = {
@@ -17,8 +22,14 @@ UNITS = {
     "speed": " m/s",
     "tool size": " m",
     "bodies": "",
+    "thickness": " m",
+    "friction": "",
+    "tool friction": "",
+    "turning": " rad/s",
+    "gravity": " m/s2",
 }
 """The quantities, and their units."""
+SIDES = ("length", "width", "thickness")
 MOST_REMARKS = 5
 
 
@@ -30,8 +41,31 @@ class Quantity(NamedTuple):
     value: float
 
 
-def quantities(scene: Scene) -> list[Quantity]:
+def quantities(scene: Scene | LeverScene) -> list[Quantity]:
     """All quantities that a scene gives; unknown masses and frictions, and the masses of fixed bodies, are left out."""
+    return _in_space(scene) if isinstance(scene, LeverScene) else _on_table(scene)
+
+
+def _in_space(scene: LeverScene) -> list[Quantity]:
+    board = scene.bodies[scene.board]
+    of, sides = f"body {board.name!r}", sorted(board.size, reverse=True)
+    found = [Quantity("mass", f"mass of {of}", board.mass)]
+    found += [Quantity(name, f"size of {of}", side) for name, side in zip(SIDES, sides, strict=True)]
+    found += [Quantity("friction", f"friction of body {body.name!r}", body.friction) for body in scene.bodies]
+    found += [Quantity("tool friction", "tool.friction", scene.tool.friction)]
+    for index, box in enumerate(scene.tool.boxes):
+        found += [Quantity("tool size", f"size of tool.boxes[{index}]", side) for side in box.size]
+    for index, (before, after) in enumerate(pairwise(scene.path), start=1):
+        seconds = after.time - before.time
+        way, turn = after.pose[:3] - before.pose[:3], pose_3d.rotation_error(before.pose, after.pose)
+        found.append(Quantity("speed", f"speed to path[{index}]", float(np.linalg.norm(way)) / seconds))
+        found.append(Quantity("turning", f"turning to path[{index}]", float(turn) / seconds))
+    found.append(Quantity("gravity", "gravity", float(np.linalg.norm(scene.gravity))))
+    found.append(Quantity("bodies", "number of bodies", float(len(scene.bodies))))
+    return found
+
+
+def _on_table(scene: Scene) -> list[Quantity]:
     found = [
         Quantity(name, field, value)
         for name, field, value in (
@@ -60,7 +94,7 @@ def quantities(scene: Scene) -> list[Quantity]:
     return found
 
 
-def range_of(scenes: Iterable[Scene]) -> dict[str, list[float]]:
+def range_of(scenes: Iterable[Scene | LeverScene]) -> dict[str, list[float]]:
     """Lowest and highest value of every quantity."""
     found: dict[str, list[float]] = {}
     for scene in scenes:
@@ -70,7 +104,7 @@ def range_of(scenes: Iterable[Scene]) -> dict[str, list[float]]:
     return found
 
 
-def outside(scene: Scene, ranges: Mapping[str, Sequence[float]]) -> list[str]:
+def outside(scene: Scene | LeverScene, ranges: Mapping[str, Sequence[float]]) -> list[str]:
     """Say of every quantity that lies outside of a range which it is, and what the range is."""
     said = []
     for name, of, value in quantities(scene):
@@ -83,6 +117,15 @@ def outside(scene: Scene, ranges: Mapping[str, Sequence[float]]) -> list[str]:
             said.append(f"{as_said}{of}: {value:.3g}{unit} is outside of {low:.3g} to {high:.3g}{unit}")
     more = len(said) - MOST_REMARKS
     return said[:MOST_REMARKS] + [f"{more} more"] * (more > 0)
+
+
+def warn_of_range(scenes: Iterable[Scene | LeverScene], ranges: Mapping[str, Sequence[float]]) -> bool:
+    """Warn of the first scene that is unlike those that a predictor was checked on; returns whether there is one."""
+    for scene in scenes if ranges else ():
+        if said := outside(scene, ranges):
+            warnings.warn(f"unlike what this predictor was checked on: {'; '.join(said)}", RangeWarning, 4)
+            return True
+    return False
 
 
 def _extents(parts: Sequence[tuple[tuple[float, float, float], Sequence[float]]]) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from pushgraph.cli.scenes import (
     check_animation_option,
     load_scene,
     scene_path,
+    shipped_scenes,
     stated_at_the_end,
     warn,
 )
@@ -98,19 +99,35 @@ def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, anim
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("demo"),
+    scene: Annotated[str, typer.Argument(help="demo, on a table; lever-up, in space.")] = "demo",
+    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
 ) -> None:
-    """Compare the shipped scene, predicted and simulated; then watch it, and predict what is believed.
+    """Compare a shipped scene, predicted and simulated; on a table also watch it, and predict what is believed.
 
     Writes tables, pictures and an animation.
 
-    Example: `pushgraph demo --out demo`
+    Examples:
+
+    `pushgraph demo --out demo`
+
+    `pushgraph demo lever-up`
     """
+    shown = shipped_scenes()
+    if scene not in shown:
+        raise typer.BadParameter(f"{scene!r}; valid: {', '.join(shown)}", param_hint="SCENE")
+    in_space = lever_scene(scene_path(scene))
+    if in_space is not None:
+        compare_lever_scene(in_space, "lever_up", out or Path(scene), Animation.GIF)
+    else:
+        _demo_on_table(load_scene(scene), out or Path(scene))
+
+
+def _demo_on_table(scene: "Scene", out: Path) -> None:
     from pushgraph.physics import PhysicsPredictor
     from pushgraph.regulator import BeliefRegulator
     from pushgraph.viewer.beliefs import save_believed_predictions
 
-    scene, predictor = load_scene("demo"), PhysicsPredictor.load()
+    predictor = PhysicsPredictor.load()
     compared = compare_scene(scene, predictor, out, Animation.GIF)
     with console.status("Watching"):
         regulator = BeliefRegulator(scene, weigh=True)

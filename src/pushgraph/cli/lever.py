@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from pushgraph.lever_scene import LeverScene
     from pushgraph.lever_track import LeverTrack
 
+MOMENTS = 7
+"""So many moments of a rollout are told."""
+
+
 
 def lever_scene(path: Path) -> "LeverScene | None":
     """The scene in a file if that holds one in space; None if it holds anything else, or cannot be read."""
@@ -58,7 +62,8 @@ def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: s
         predicted = predictor.predict(scene)
     with console.status("Simulating"):
         simulated = simulate_lever(scene)
-    write_lever_tracks({"Predicted": predicted, "Simulated": simulated}, out, animation)
+    console.print(board_differences(predicted, simulated))
+    write_lever_tracks({"Simulated": simulated, "Predicted": predicted}, out, animation)
 
 
 def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: str) -> None:
@@ -78,6 +83,29 @@ def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation:
     say_files(outputs)
 
 
+def board_differences(predicted: "LeverTrack", simulated: "LeverTrack") -> Table:
+    """How far a predicted board is from the simulated one, over the rollout."""
+    from pushgraph import pose_3d
+
+    table = Table(title="Predicted against simulated")
+    for name in ("time (s)", "moved (mm)", "turned (deg)", "rise (mm)", "position off (mm)", "rotation off (deg)"):
+        table.add_column(name, justify="right")
+    frames = np.linspace(0, len(simulated.poses) - 1, MOMENTS).round().astype(int)
+    start = simulated.board[0]
+    for frame in frames:
+        true, found = simulated.board[frame], predicted.board[frame]
+        moved, off = (1e3 * np.linalg.norm((pose - true)[:3]) for pose in (start, found))
+        turned, turned_off = (np.degrees(pose_3d.rotation_error(pose, true)) for pose in (start, found))
+        numbers = (simulated.times[frame], moved, turned, 1e3 * simulated.rise[frame], off, turned_off)
+        table.add_row(*(f"{round(number, 2) + 0.0:.2f}" for number in numbers))  # no -0.00
+    raised = ", ".join(
+        f"{name} {'raised' if track.raised else 'not raised'}"
+        for name, track in (("predicted", predicted), ("simulated", simulated))
+    )
+    table.caption = f"at the end: {raised}"
+    return table
+
+
 def final_board_poses(tracks: Mapping[str, "LeverTrack"]) -> Table:
     """Where the board ended in each track."""
     from pushgraph import pose_3d
@@ -87,7 +115,7 @@ def final_board_poses(tracks: Mapping[str, "LeverTrack"]) -> Table:
     table = Table(title=f"The board after {first.times[-1]:.2f} s")
     columns = ("x (m)", "y (m)", "z (m)", "moved (mm)", "turned (deg)", "rise (mm)", "overlap (mm)")
     for name in ("", *columns):
-        table.add_column(name, justify="right" if name else "left")
+        table.add_column(name, justify="right" if name else "left", no_wrap=not name)
     for title, track in tracks.items():
         start, end = track.board[0], track.board[-1]
         turned = np.degrees(pose_3d.rotation_error(start, end))

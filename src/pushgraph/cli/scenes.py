@@ -213,6 +213,11 @@ def _write_track(track: "Track", out: Path, animation: str, written: Sequence[Pa
     say_files([*outputs, *written])
 
 
+def shipped_scenes() -> list[str]:
+    """Names of the scenes that come with pushgraph."""
+    return sorted(path.stem for path in SHIPPED_SCENES.glob("*.json"))
+
+
 def scene_path(source: str) -> Path:
     """The file itself, or a shipped one by name."""
     shipped = SHIPPED_SCENES / f"{source}.json"
@@ -227,8 +232,7 @@ def load_scene(source: str) -> "Scene":
         return Scene.load(scene_path(source))
     except SceneError as error:
         if isinstance(error.__cause__, FileNotFoundError):
-            shipped = ", ".join(sorted(path.stem for path in SHIPPED_SCENES.glob("*.json")))
-            raise SceneError(f"{error}; shipped scenes: {shipped}") from None
+            raise SceneError(f"{error}; shipped scenes: {', '.join(shipped_scenes())}") from None
         raise
 
 

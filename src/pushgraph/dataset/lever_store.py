@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from pushgraph import pose_3d
-from pushgraph.dataset.ragged import Column, Layout, RaggedFile
+from pushgraph.dataset.ragged import Column, Layout, RaggedFile, flat
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import RAISED, LeverTrack
 from pushgraph.simulation.lever_setup import SIDES, Interaction
@@ -59,13 +59,10 @@ class LeverColumns:
     @classmethod
     def of(cls, interactions: Sequence[Interaction]) -> "LeverColumns":
         """Lay interactions out flat."""
-        tracks = [interaction.track for interaction in interactions]
         return cls(
-            poses=np.concatenate([track.poses.reshape(-1, 7) for track in tracks]).astype(np.float32),
-            scenes=np.array([track.scene.to_json(indent=None) for track in tracks], dtype=object),
+            **flat([interaction.track for interaction in interactions]),
             side=np.array([interaction.side.encode() for interaction in interactions], dtype="S5"),
             summary=np.array([summarize(interaction) for interaction in interactions], COLUMNS),
-            pose_offset=np.cumsum([0] + [track.poses.shape[0] * track.poses.shape[1] for track in tracks]),
         )
 
 
@@ -77,9 +74,13 @@ class LeverDataset(RaggedFile):
     def __getitem__(self, index: int) -> LeverTrack:
         """The track of one interaction, its scene checked when it was written."""
         index = self.place(index)
-        scene = LeverScene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)
+        scene = self.scene(index)
         poses = self.columns(index, index + 1).poses.astype(np.float64)
         return LeverTrack(scene, pose_3d.normalized(poses).reshape(-1, 1 + len(scene.bodies), 7))
+
+    def scene(self, index: int) -> LeverScene:
+        """The scene of one interaction, with the path of its tool."""
+        return LeverScene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)
 
     @property
     def side(self) -> np.ndarray:

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -68,6 +68,16 @@ class Layout(NamedTuple):
 
 
 Opened = TypeVar("Opened", bound="RaggedFile")
+
+
+def flat(tracks: Sequence[Any]) -> dict[str, np.ndarray]:
+    """What every dataset holds of tracks: poses, where those of each begin and end, and scenes."""
+    rows = [track.poses.reshape(-1, track.poses.shape[-1]) for track in tracks]
+    return {
+        "poses": np.concatenate(rows).astype(np.float32),
+        "pose_offset": np.cumsum([0] + [len(of_track) for of_track in rows]),
+        "scenes": np.array([track.scene.to_json(indent=None) for track in tracks], dtype=object),
+    }
 
 
 class RaggedFile:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from pushgraph.dataset.ragged import Column, Layout, RaggedFile
+from pushgraph.dataset.ragged import Column, Layout, RaggedFile, flat
 from pushgraph.dataset.summary import COLUMNS, summarize
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import Trajectory
@@ -59,12 +59,10 @@ class Columns:
         """Lay trajectories out flat."""
         tracks = [trajectory.track for trajectory in trajectories]
         return cls(
-            poses=np.concatenate([track.poses.reshape(-1, 3) for track in tracks]).astype(np.float32),
+            **flat(tracks),
             push=np.concatenate([track.push for track in tracks]).astype(np.int16),
             wrench=np.concatenate([track.wrench for track in tracks]).astype(np.float32),
-            pose_offset=np.cumsum([0] + [track.poses.shape[0] * track.poses.shape[1] for track in tracks]),
             frame_offset=np.cumsum([0] + [len(track.push) for track in tracks]),
-            scenes=np.array([track.scene.to_json(indent=None) for track in tracks], dtype=object),
             density=np.array([trajectory.density.encode() for trajectory in trajectories], dtype="S6"),
             kind=np.array([trajectory.kind.encode() for trajectory in trajectories], dtype="S12"),
             summary=np.array([summarize(trajectory) for trajectory in trajectories], COLUMNS),

@@ -24,7 +24,9 @@ BASELINES = ("still", "rigid")
 NOISE_FLOOR = "noise_floor"
 TOUCHES = 1e-4
 """The tool touches the board from this gap (m) on."""
-DRIVES_AT_ONCE = 2
+DRIVES_AT_ONCE = 4
+INTERACTIONS = 500
+"""Label of what has not learnt."""
 ALL = "all"
 
 
@@ -96,24 +98,28 @@ def simulate_lever_again(scene: LeverScene, rng: np.random.Generator, noise: Sta
     return None
 
 
+def load_without_range(model: str | os.PathLike) -> LeverPredictor:
+    """A predictor that does not warn where a drive of the setup lies a little outside of those that were drawn."""
+    loaded = LeverPredictor.load(model)
+    return LeverPredictor(loaded.dynamics, hash=loaded.hash)
+
+
 def measure_drives(block: Block) -> list[list[LeverCase]]:
     """The four interactions of each drive of a block; its models are checkpoints of predictors."""
-    predictors = {name: LeverPredictor.load(path) for name, path in block.models}
-    return [_measure_drive(block.seed, drive, predictors) for drive in range(block.first, block.first + block.count)]
-
-
-def _measure_drive(seed: int, drive: int, predictors: Mapping[str, LeverPredictor]) -> list[LeverCase]:
-    interactions = [draw_interaction(seed, drive * len(SIDES) + side) for side in range(len(SIDES))]
+    predictors = {name: load_without_range(path) for name, path in block.models}
+    numbers = [(drive, side) for drive in range(block.first, block.first + block.count) for side in range(len(SIDES))]
+    interactions = [draw_interaction(block.seed, drive * len(SIDES) + side) for drive, side in numbers]
     scenes = [interaction.track.scene for interaction in interactions]
     tracks: dict[str, Sequence[LeverTrack | None]] = {
         "still": [still(scene) for scene in scenes],
         "rigid": [rigid(scene) for scene in scenes],
         **{name: predictor.predict_many(scenes) for name, predictor in predictors.items()},
         NOISE_FLOOR: [
-            simulate_lever_again(scene, np.random.default_rng([seed, drive, side])) for side, scene in enumerate(scenes)
+            simulate_lever_again(scene, np.random.default_rng([block.seed, *number]))
+            for number, scene in zip(numbers, scenes, strict=True)
         ],
     }
-    return [
+    cases = [
         LeverCase(
             drive,
             interaction.side,
@@ -125,28 +131,29 @@ def _measure_drive(seed: int, drive: int, predictors: Mapping[str, LeverPredicto
                 if (track := some[k]) is not None
             },
         )
-        for k, interaction in enumerate(interactions)
+        for k, ((drive, _), interaction) in enumerate(zip(numbers, interactions, strict=True))
     ]
+    return [cases[k : k + len(SIDES)] for k in range(0, len(cases), len(SIDES))]
 
 
 def evaluate_lever_up(
     drives: int,
     seed: int,
     models: Mapping[str, str | os.PathLike],
-    interactions: int = 500,
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[Results, list[LeverCase]]:
     """Measure `models`, checkpoints by name, beside the baselines and the noise floor, on the sides of test drives.
 
-    interactions: that the models were trained on. progress: is told how many drives are done. Raises EvaluationError
-    if the drives of this seed are for training.
+    progress: is told how many drives are done. Raises EvaluationError if the drives of this seed are for training.
     """
+    trained_on = {name: LeverPredictor.load(path).record["data"]["interactions"] for name, path in models.items()}
     measured = measure_blocks(measure_drives, [1], drives, seed, models, workers, progress, LEVER_UP, DRIVES_AT_ONCE)
     cases = [case for drive in measured for case in drive]
     protocol = {"count": drives, "seed": seed, "raised": sum(case.raised for case in cases), "of": len(cases)}
     results = Results(LEVER_UP, protocol, ("subset", "interactions", "side", "ledge"))
     for model in (*BASELINES, *models, NOISE_FLOOR):
+        interactions = trained_on.get(model, INTERACTIONS)
         for add, chosen in _selections(cases, functools.partial(results.add, model, interactions=interactions)):
             _add_metrics(add, model, [case for case, take in zip(cases, chosen, strict=True) if take])
     return results, cases

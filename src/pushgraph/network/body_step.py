@@ -18,6 +18,8 @@ RECOVERY = 0.2
 """Share of an overlap that is to be undone in a step."""
 REST = 2e-3
 """m/s: what is not faster after a step from rest, and is not touched by the tool, stays at rest."""
+FEW = 16
+"""Fewer boards than this are not worth compiling for, which takes a quarter of a minute once on a machine."""
 CONSTANTS = {"softness": SOFTNESS, "recovery": RECOVERY, "rest": REST}
 """What predictions depend on."""
 
@@ -47,6 +49,11 @@ def step(
     Boards at rest that tools do not touch stay as they are, bit for bit. Differentiable in the pose, the velocity and
     the wrench, at the contacts there are.
     """
+    if _can_be_compiled(state, wrench):
+        # Not before it is used: importing numba takes a second.
+        from pushgraph.network.compiled.body_step import solve_step
+
+        return solve_step(state, tool, next_tool, seconds, wrench)
     scenes, pose = state.scenes, state.pose
     contacts = find_contacts(scenes, pose.detach(), state.velocity.detach(), tool, next_tool, seconds)
     matrix = pose_3d.rotation_matrix(pose.detach()[:, 3:])
@@ -66,6 +73,15 @@ def step(
     problem = _problem(scenes, pose.detach(), contacts, mass_matrix, inverse, free, seconds)
     velocity = solve_body(problem, state.velocity)
     return _moved(state, velocity, _is_touched(scenes, contacts), seconds)
+
+
+def _can_be_compiled(state: LeverState, wrench: Tensor | None) -> bool:
+    """Whether boards are many, no gradients are wanted, and tensors are on a processor."""
+    if len(state.pose) < FEW:
+        return False
+    tensors = [state.pose, state.velocity] if wrench is None else [state.pose, state.velocity, wrench]
+    wanted = torch.is_grad_enabled() and any(values.requires_grad for values in tensors)
+    return not wanted and all(values.device.type == "cpu" and values.dtype == torch.float64 for values in tensors)
 
 
 def find_contacts(
@@ -90,8 +106,8 @@ def find_contacts(
     pairs = pose[scene], scenes.board_half[scene], boxes[scene, box], scenes.half[scene, box]
     close = axes_between(*pairs).gap.amax(-1) < margin[scene, box]
     scene, box = scene[close], box[close]
-    pose_a, half_a, pose_b, half_b = (values[close] for values in pairs)
-    patch = contact_patch(pose_a, half_a, pose_b, half_b)
+    board, board_half, place, half = (values[close] for values in pairs)
+    patch = contact_patch(board, board_half, place, half)
     pair, _ = slots = (patch.touches & (patch.gap < margin[scene, box][:, None])).nonzero(as_tuple=True)
     point, scene, box = patch.point[slots], scene[pair], box[pair]
     other = moves[scene, :3] + pose_3d.cross(moves[scene, 3:], point - tool[scene, :3])

@@ -25,27 +25,14 @@ CRUSHED = 2e-3
 """Deeper overlap (m) is not from contacts that give way a little, but from a board with nowhere to go."""
 
 
-def simulate_lever(scene: LeverScene) -> LeverTrack:
-    """Move the tool along its path; the same scene gives the same bits anywhere.
+def simulate_lever(scene: LeverScene, steps: int = STEPS) -> LeverTrack:
+    """Move the tool along its path, in so many steps a frame; the same scene gives the same bits anywhere.
 
     Raises SimulationError if the board is crushed between what cannot give way.
     """
-    model = build(scene)
-    data = mujoco.MjData(model)
-    data.qpos[7:] = scene.poses_world_from_body[scene.board]
     times = frame_times(scene)
-    step_times = np.arange((len(times) - 1) * STEPS + 1) * (FRAME / STEPS)
-    tool = scene.tool_poses(step_times)
-    velocities = _velocities(tool) * (STEPS / FRAME)
-    board = [scene.poses_world_from_body[scene.board]]
-    for step, velocity in enumerate(velocities):
-        data.qpos[:7], data.qvel[:6] = tool[step], velocity
-        mujoco.mj_step(model, data)
-        if (step + 1) % STEPS == 0:
-            board.append(pose_3d.normalized(data.qpos[7:].copy()))
-            _check_thrown(board)
-    poses = np.tile(np.concatenate(([tool[0]], scene.poses_world_from_body)), (len(times), 1, 1))
-    poses[:, 0], poses[:, 1 + scene.board] = tool[::STEPS], board
+    poses = np.tile(np.concatenate((np.zeros((1, 7)), scene.poses_world_from_body)), (len(times), 1, 1))
+    poses[:, 0], poses[:, 1 + scene.board] = scene.tool_poses(times), step_board(build(scene, steps), scene)
     track = LeverTrack(scene, poses)
     deepest = int(track.penetration.argmax())
     if track.penetration[deepest] > CRUSHED:
@@ -55,10 +42,27 @@ def simulate_lever(scene: LeverScene) -> LeverTrack:
     return track
 
 
-def build(scene: LeverScene) -> mujoco.MjModel:
+def step_board(model: mujoco.MjModel, scene: LeverScene) -> Float[np.ndarray, "frames 7"]:
+    """pose_world_from_board in every frame; model: see `build`. Raises SimulationError if the board is thrown off."""
+    data, start = mujoco.MjData(model), scene.poses_world_from_body[scene.board]
+    data.qpos[7:] = start
+    steps = round(FRAME / model.opt.timestep)
+    tool = scene.tool_poses(np.arange((len(frame_times(scene)) - 1) * steps + 1) * (FRAME / steps))
+    velocities = _velocities(tool) * (steps / FRAME)
+    board = [start]
+    for step, velocity in enumerate(velocities):
+        data.qpos[:7], data.qvel[:6] = tool[step], velocity
+        mujoco.mj_step(model, data)
+        if (step + 1) % steps == 0:
+            board.append(pose_3d.normalized(data.qpos[7:].copy()))
+            _check_thrown(board)
+    return np.array(board)
+
+
+def build(scene: LeverScene, steps: int = STEPS) -> mujoco.MjModel:
     """The model: body 1 is the tool, body 2 the board; they and the fixed boxes touch in explicit pairs only."""
     spec = mujoco.MjSpec()
-    spec.option.timestep = FRAME / STEPS
+    spec.option.timestep = FRAME / steps
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
@@ -83,7 +87,7 @@ def build(scene: LeverScene) -> mujoco.MjModel:
             geomname2=name,
             condim=3,
             friction=[largest, largest, 0, 0, 0],
-            solref=[2 * FRAME / STEPS, 1.0],
+            solref=[2 * FRAME / steps, 1.0],
             solimp=[ONSET, IMPEDANCE, FULL, 0.5, 2.0],
         )
     return spec.compile()

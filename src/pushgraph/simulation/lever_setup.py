@@ -8,6 +8,7 @@ import contextlib
 import functools
 import math
 import zlib
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -72,19 +73,27 @@ class Interaction(NamedTuple):
 def draw_interaction(seed: int, index: int) -> Interaction:
     """Simulate interaction `index`: drive index // 4, side index % 4; the same arguments give the same bits."""
     number, side = divmod(index, len(SIDES))
-    drive = draw_drive(seed, number)
-    rng = np.random.default_rng([zlib.crc32(LEVER_UP.encode()), seed, number, side])
-    rejected = 0
-    for _ in range(ATTEMPTS):
-        way = _draw_way(rng, drive, side)
-        if way is None:
-            continue
+    for rejected, scene in enumerate(_draw_scenes(seed, number, side)):
         with contextlib.suppress(SimulationError):
-            track = simulate_lever(LeverScene(bodies=drive.bodies, tool=way[0], path=way[1]))
+            track = simulate_lever(scene)
             if track.penetration.max() <= OVERLAP:
                 return Interaction(track, SIDES[side], f"ledge_{SIDES[side]}" in track.scene.names, rejected)
-        rejected += 1
     raise SetupError(f"setup {LEVER_UP!r}: {ATTEMPTS} ways under the {SIDES[side]} side of drive {number} fail")
+
+
+def draw_scene(seed: int, index: int) -> LeverScene:
+    """The scene of interaction `index` before anything is simulated: its board may yet be crushed."""
+    return next(_draw_scenes(seed, *divmod(index, len(SIDES))))
+
+
+def _draw_scenes(seed: int, number: int, side: int) -> Iterator[LeverScene]:
+    """Ways of screwdrivers under one side of a drive."""
+    drive = draw_drive(seed, number)
+    rng = np.random.default_rng([zlib.crc32(LEVER_UP.encode()), seed, number, side])
+    for _ in range(ATTEMPTS):
+        way = _draw_way(rng, drive, side)
+        if way is not None:
+            yield LeverScene(bodies=drive.bodies, tool=way[0], path=way[1])
 
 
 @functools.lru_cache(maxsize=4)

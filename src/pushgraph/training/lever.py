@@ -18,6 +18,7 @@ from pushgraph.graph.lever_batch import LeverBatch, LeverState, batch_lever_scen
 from pushgraph.lever_physics import rollout_lever, tool_knots
 from pushgraph.network.body_step import REST
 from pushgraph.network.lever_dynamics import KNOTS, LEVERS, LeverDynamics
+from pushgraph.scene_range import range_of
 from pushgraph.track_frames import FRAME
 from pushgraph.training.conduct import conduct, open_dataset
 from pushgraph.training.processes import Processes
@@ -94,6 +95,7 @@ class LeverTask:
         count = len(data) if training.interactions is None else min(training.interactions, len(data))
         self.data_recipe = dataclasses.asdict(data.recipe) | {"interactions": count}
         self._data = Interactions.of(data, range(count), device)
+        self.range = range_of(data.scene(k) for k in range(count))
         validation = open_dataset(training.validation, LeverDataset)
         self.validation_recipe = dataclasses.asdict(validation.recipe)
         self._validation = Interactions.of(validation, range(processes.rank, len(validation), processes.count), device)

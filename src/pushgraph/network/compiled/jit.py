@@ -13,7 +13,7 @@ import numba
 from pushgraph.storage import cache_folder
 
 _PACKAGE = Path(__file__).parents[2]
-_SOURCES = ("graph/*.py", "network/**/*.py", "contact.py", "track.py")
+_SOURCES = ("graph/*.py", "network/**/*.py", "contact*.py", "track.py")
 """What compiled functions are made of, constants included: numba itself looks at one file alone."""
 
 

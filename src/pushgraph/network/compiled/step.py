@@ -1,11 +1,9 @@
 """One step of many scenes: graph, solve, motion; one scene after the other, on as many threads as torch has."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 
 from pushgraph.graph.contact_features import CLAMP
@@ -16,10 +14,8 @@ from pushgraph.network.compiled.energy import lag_of, measure
 from pushgraph.network.compiled.graph import LEVER, build
 from pushgraph.network.compiled.jit import compiled
 from pushgraph.network.compiled.newton import solve
+from pushgraph.network.compiled.threads import share_out
 from pushgraph.network.contact_problem import CONTACT_STATE, FARTHEST
-
-SHARE = 16
-"""Fewer scenes than this are not worth a thread of their own."""
 
 
 class Solved(NamedTuple):
@@ -39,13 +35,7 @@ def solve_step(state: State, control: Control, contact_state: bool = False) -> S
     pairs = pairs if contact_state else 0
     states, contacts = np.zeros((batch, pairs, len(CONTACT_STATE))), np.zeros((batch, pairs), np.int64)
     solved = Solved(np.zeros_like(scenes.poses), np.ones(batch), states, contacts)
-    shares = min(torch.get_num_threads(), max(1, batch // SHARE))
-    if shares == 1:
-        _solve(scenes, 0, batch, solved)
-        return solved
-    bounds = [batch * k // shares for k in range(shares + 1)]
-    with ThreadPoolExecutor(shares) as threads:
-        list(threads.map(lambda first, last: _solve(scenes, first, last, solved), bounds[:-1], bounds[1:]))
+    share_out(lambda first, last: _solve(scenes, first, last, solved), batch)
     return solved
 
 
