@@ -69,10 +69,10 @@ def change_tree(root: Any, rng: Random) -> Any:
         parent, key = rng.choice(places) if places else (None, None)
         kind = rng.randrange(12)
         if parent is None or kind == 0 and rng.random() < 0.2:
-            return rng.choice(VALUES)
+            return copy.deepcopy(rng.choice(VALUES))
         old = parent[key]
         if kind <= 4:
-            parent[key] = rng.choice(VALUES)
+            parent[key] = copy.deepcopy(rng.choice(VALUES))
         elif kind == 5:
             del parent[key]
         elif kind == 6 and isinstance(parent, dict):
@@ -167,6 +167,41 @@ def of_csv(content: bytes, rng: Random) -> bytes:
     return text.encode(rng.choice(["utf-8"] * 8 + ["utf-16", "utf-8-sig", "utf-32"]), "surrogatepass")
 
 
+def of_svg(content: bytes, rng: Random) -> bytes:
+    """Path data, transforms, elements of other kinds, references to themselves and elsewhere, entities, deep nesting."""
+    text = content.decode()
+    start, end = text.index(' d="') + 4, text.index('"', text.index(' d="') + 4)
+    for _ in range(rng.choice([1, 1, 2])):
+        kind = rng.randrange(8)
+        if kind <= 2:
+            tokens = text[start:end].split()
+            place = rng.randrange(len(tokens))
+            tokens[place : place + rng.choice([0, 1])] = [rng.choice([*CELLS, *"MLHVCSQTAZmlhvcsqtaz", "@", "1e-400"])]
+            text = text[:start] + " ".join(tokens).replace('"', "&quot;").replace("\x00", "?") + text[end:]
+            end = text.index('"', start)
+        elif kind == 3:
+            inner = rng.choice(["scale(0)", "rotate(x)", "matrix(1 2)", "translate(1e308)", "scale(1e300)", "skewX(90)", "("])
+            return text.replace("translate(10 5)", inner).encode()
+        elif kind == 4:
+            box = rng.choice(["0 0 0 0", "0 0 -5 5", "x", "", "0 0 1e400 1", "nan nan nan nan", "0 0 1e-300 1"])
+            return text.replace("0 0 200 200", box).encode()
+        elif kind == 5:
+            other = rng.choice([
+                '<use href="#part"/>', '<use id="part" href="#part"/>', '<image href="/etc/passwd"/>', "<text>x</text>",
+                '<rect width="1e9" height="5"/>', '<circle r="-5"/>', '<polygon points="0,0 1"/>', "<g>" * 5000,
+                '<ellipse rx="40" ry="1e-9"/>', '<polyline points="0,0 5,0 5,5 0,0"/>', "<style>path{d:none}</style>",
+                "<path/>", '<path d="M0 0' + " l1 1" * 50_000 + ' Z"/>', "<g>" * 2000 + "</g>" * 2000,
+            ])
+            return text.replace("</g>", other + "</g>").encode()
+        elif kind == 6:
+            laughs = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 9))
+            entity = rng.choice(['<!ENTITY a8 SYSTEM "file:///etc/passwd">', f'<!ENTITY a0 "0 ">{laughs}'])
+            return f"<!DOCTYPE svg [{entity}]>{text[:end]}&a8;{text[end:]}".encode()
+        else:
+            return text.encode(rng.choice(["utf-16", "utf-32", "utf-8-sig"]))
+    return text.encode("utf-8", "surrogatepass")
+
+
 def of_hdf5(reseal: Callable[[bytes], bytes] = lambda content: content) -> Mutation:
     """Attributes, and arrays of other kinds, shapes, sizes and places; half of them resealed."""
 
@@ -202,7 +237,12 @@ def _change_attribute(file: h5py.File, rng: Random) -> None:
 
 def _change_array(file: h5py.File, rng: Random) -> None:
     found: list[str] = []
-    file.visititems(lambda name, one: found.append(name) if isinstance(one, h5py.Dataset) else None)
+
+    def visit(name: str, one: Any) -> None:
+        if isinstance(one, h5py.Dataset) and (one.size or 0) < 10**6 and not one.is_virtual and not one.external:
+            found.append(name)
+
+    file.visititems(visit)
     if not found:
         return
     name = rng.choice(found)

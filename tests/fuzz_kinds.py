@@ -1,5 +1,6 @@
 """Every kind of file that pushgraph reads: a sound one, how it is read, and what another way of reading it finds."""
 
+import contextlib
 import csv
 import dataclasses
 import gzip
@@ -20,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 import torch
-from fuzz import of_bytes, of_csv, of_hdf5, of_json, of_tensors
+from fuzz import of_bytes, of_csv, of_hdf5, of_json, of_svg, of_tensors
 from fuzz_pool import Kind
 from made_pushes import OUTLINES, rows_of, write
 from safetensors.torch import load as tensors_of
@@ -79,6 +80,8 @@ def agrees(stated: Any, loaded: Any) -> bool:
         )
     if isinstance(stated, list):
         return isinstance(loaded, list | tuple) and len(stated) == len(loaded) and all(map(agrees, stated, loaded))
+    if isinstance(stated, float) and math.isnan(stated):
+        return isinstance(loaded, float) and math.isnan(loaded)
     if isinstance(stated, bool) or isinstance(loaded, bool) or stated is None or isinstance(stated, str):
         return type(stated) is type(loaded) and stated == loaded
     return isinstance(loaded, int | float) and (stated == loaded or math.isclose(stated, loaded, rel_tol=1e-12))
@@ -293,7 +296,7 @@ def read_table(path: Path) -> Any:
 
 
 def states_table(content: bytes, loaded: Any) -> bool:
-    text = (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode()
+    text = (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode("utf-8-sig")
     header, *rows = [row for row in csv.reader(io.StringIO(text, newline=""), strict=True) if row]
     assert len(set(header)) == len(header), "a column stands twice"
     assert all(len(row) == len(header) for row in rows), "a row of another length"
@@ -311,7 +314,7 @@ def same_cells(cells: Sequence[str], values: Sequence[Any]) -> bool:
         return False
     for cell, value in zip(cells, values, strict=True):
         if isinstance(value, str):
-            same = cell.strip() == value
+            same = value in (cell, cell.strip())
         elif math.isnan(value):
             same = not NUMBER.fullmatch(cell) or not math.isfinite(float(cell))
         else:
@@ -336,7 +339,11 @@ def gzipped(mutation: Callable[[bytes, Random], bytes]) -> Callable[[bytes, Rand
 
 
 def long_rows(content: bytes) -> tuple[list[str], list[list[str]]]:
-    text = content.decode("utf-8-sig")
+    encodings = ["utf-16"] if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig", "cp1252", "latin-1"]
+    for encoding in encodings:
+        with contextlib.suppress(UnicodeDecodeError):
+            text = content.decode(encoding)
+            break
     header, *rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(cell.strip() for cell in row)]
     return [name.strip() for name in header], rows
 
@@ -452,8 +459,9 @@ def states_sightings(content: bytes, loaded: Any) -> bool:
     cells = list(zip(*rows, strict=True))
     of_column = {name.lower(): list(cells[k]) for k, name in enumerate(header)}
     assert [loaded["names"][k] for k in loaded["node"]] == [name.strip() for name in of_column["node"]]
+    lost = [""] * len(rows)
     return all(
-        same_cells(of_column[name], [math.nan if value is None else value for value in loaded[name]])
+        same_cells(of_column.get(name, lost), [math.nan if value is None else value for value in loaded[name]])
         for name in ("time", "x", "y", "yaw")
     )
 
@@ -651,7 +659,7 @@ KINDS = [
     json_kind("recipe of a dataset", make_parts, read_parts),
     json_kind("outlines of recorded pushes", make_outlines, read_shapes, states_outlines),
     json_kind("paper JSON", lambda f: written(f, "0.json", json.dumps(paper_content())), read_paper, states_paper),
-    Kind("outline", lambda f: written(f, "outline.svg", DRAWING), read_outline, (of_bytes,), states_drawing),
+    Kind("outline", lambda f: written(f, "outline.svg", DRAWING), read_outline, (of_bytes, of_svg, of_svg), states_drawing),
     Kind("recorded pushes", make_pushes, read_table, (of_bytes, gzipped(of_csv), gzipped(of_csv)), states_table),
     Kind("track CSV", lambda f: [sound_file("csv", f)], read_track, (of_bytes, of_csv, of_csv), states_csv_track),
     Kind("recording CSV", lambda f: [sound_file("csv", f)], read_sighted, (of_bytes, of_csv, of_csv), states_sightings),

@@ -141,7 +141,11 @@ def _read_all(pipe: Connection, kind: Kind, sound: Sequence[Path], indices: rang
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     isolation.subprocess.run = run_forked  # type: ignore[assignment]
-    whole = [kind.read(path) for path in sound]
+    try:
+        whole = [kind.read(path) for path in sound]
+    except Exception:
+        pipe.send((TRACEBACK, "the sound file: " + traceback.format_exc(limit=-3), 0.0))
+        os._exit(1)
     for index in indices:
         original = sound[index % len(sound)]
         content, blind = mutated(kind, original, index, seed)

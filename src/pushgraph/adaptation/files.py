@@ -62,7 +62,6 @@ class AdaptationHeader(Header):
         return self
 
 
-
 def save_adaptation(
     adaptation: Adaptation, path: str | os.PathLike, physics: str | None, record: Mapping[str, Any]
 ) -> None:
