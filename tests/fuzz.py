@@ -24,8 +24,9 @@ VALUES = (
     "text", "", "1.0", "nan", "\x00", "\ud800", "x" * 100_000, [], {}, [1, 2], [[]], [None], {"a": 1}, [0.5] * 5000,
 )  # fmt: skip
 CELLS = (
-    "", " ", "nan", "inf", "-inf", "1e400", "-1e9", "1e300", "0x10", "1_000", "١٢", " 1 ", "+1", "1,5", "1.5", "-1", "7",
-    '"', "'", '"a\nb"', "text", "x" * 200_000, "\x00", "1e5", "None", "0.1.2", "9" * 5000, "1" * 400, "\ufeff", "robot",
+    "", " ", "nan", "inf", "-inf", "1e400", "-1e9", "1e300", "0x10", "1_000", "١٢", " 1 ", "+1", "1,5", "1.5", "-1",
+    "7", '"', "'", '"a\nb"', "text", "x" * 200_000, "\x00", "1e5", "None", "0.1.2", "9" * 5000, "1" * 400, "\ufeff",
+    "robot",
 )  # fmt: skip
 
 
@@ -68,7 +69,7 @@ def change_tree(root: Any, rng: Random) -> Any:
         places = list(_places(root))
         parent, key = rng.choice(places) if places else (None, None)
         kind = rng.randrange(12)
-        if parent is None or kind == 0 and rng.random() < 0.2:
+        if parent is None or (kind == 0 and rng.random() < 0.2):
             return copy.deepcopy(rng.choice(VALUES))
         old = parent[key]
         if kind <= 4:
@@ -168,7 +169,7 @@ def of_csv(content: bytes, rng: Random) -> bytes:
 
 
 def of_svg(content: bytes, rng: Random) -> bytes:
-    """Path data, transforms, elements of other kinds, references to themselves and elsewhere, entities, deep nesting."""
+    """Path data, transforms, elements of other kinds, references to themselves and elsewhere, entities, nesting."""
     text = content.decode()
     start, end = text.index(' d="') + 4, text.index('"', text.index(' d="') + 4)
     for _ in range(rng.choice([1, 1, 2])):
@@ -180,18 +181,32 @@ def of_svg(content: bytes, rng: Random) -> bytes:
             text = text[:start] + " ".join(tokens).replace('"', "&quot;").replace("\x00", "?") + text[end:]
             end = text.index('"', start)
         elif kind == 3:
-            inner = rng.choice(["scale(0)", "rotate(x)", "matrix(1 2)", "translate(1e308)", "scale(1e300)", "skewX(90)", "("])
+            inner = rng.choice(
+                ["scale(0)", "rotate(x)", "matrix(1 2)", "translate(1e308)", "scale(1e300)", "skewX(90)", "("]
+            )
             return text.replace("translate(10 5)", inner).encode()
         elif kind == 4:
             box = rng.choice(["0 0 0 0", "0 0 -5 5", "x", "", "0 0 1e400 1", "nan nan nan nan", "0 0 1e-300 1"])
             return text.replace("0 0 200 200", box).encode()
         elif kind == 5:
-            other = rng.choice([
-                '<use href="#part"/>', '<use id="part" href="#part"/>', '<image href="/etc/passwd"/>', "<text>x</text>",
-                '<rect width="1e9" height="5"/>', '<circle r="-5"/>', '<polygon points="0,0 1"/>', "<g>" * 5000,
-                '<ellipse rx="40" ry="1e-9"/>', '<polyline points="0,0 5,0 5,5 0,0"/>', "<style>path{d:none}</style>",
-                "<path/>", '<path d="M0 0' + " l1 1" * 50_000 + ' Z"/>', "<g>" * 2000 + "</g>" * 2000,
-            ])
+            other = rng.choice(
+                [
+                    '<use href="#part"/>',
+                    '<use id="part" href="#part"/>',
+                    '<image href="/etc/passwd"/>',
+                    "<text>x</text>",
+                    '<rect width="1e9" height="5"/>',
+                    '<circle r="-5"/>',
+                    '<polygon points="0,0 1"/>',
+                    "<g>" * 5000,
+                    '<ellipse rx="40" ry="1e-9"/>',
+                    '<polyline points="0,0 5,0 5,5 0,0"/>',
+                    "<style>path{d:none}</style>",
+                    "<path/>",
+                    '<path d="M0 0' + " l1 1" * 50_000 + ' Z"/>',
+                    "<g>" * 2000 + "</g>" * 2000,
+                ]
+            )
             return text.replace("</g>", other + "</g>").encode()
         elif kind == 6:
             laughs = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 9))
@@ -252,8 +267,9 @@ def _change_array(file: h5py.File, rng: Random) -> None:
     if kind == 0 and array.size and array.dtype.kind in "fiu":
         flat = array.reshape(-1).copy()
         with np.errstate(over="ignore"):
-            flat[rng.randrange(flat.size)] = rng.choice([1, 0, 100] if array.dtype.kind != "f" else [
-                np.nan, np.inf, 1e30, -1.0, 0.0, 0.123])
+            flat[rng.randrange(flat.size)] = rng.choice(
+                [1, 0, 100] if array.dtype.kind != "f" else [np.nan, np.inf, 1e30, -1.0, 0.0, 0.123]
+            )
         file[name][...] = flat.reshape(array.shape)
         return
     del file[name]
@@ -268,8 +284,11 @@ def _change_array(file: h5py.File, rng: Random) -> None:
     elif kind == 3:
         file[name] = rng.choice([h5py.Empty("f8"), 1.0, "text", np.zeros(0), np.zeros((0, 3)), [b"a", b"b"]])
     elif kind == 4:
-        shapes = [array[:-1], array[..., None], array.T, array.reshape(-1), np.concatenate([array, array])] if (
-            array.ndim) else [array[None]]
+        shapes = (
+            [array[:-1], array[..., None], array.T, array.reshape(-1), np.concatenate([array, array])]
+            if (array.ndim)
+            else [array[None]]
+        )
         file[name] = rng.choice(shapes)
     elif kind == 5:
         file.create_dataset(name, (10 ** rng.choice([6, 9, 12, 15]), *array.shape[1:]), array.dtype, chunks=True)
@@ -332,8 +351,13 @@ def _change_tensor(tensors: dict[str, torch.Tensor], rng: Random) -> None:
     elif kind == 3:
         tensors[name] = one.double().fill_(rng.choice([float("nan"), float("inf"), 1e38, 0.0, -1.0])).to(one.dtype)
     elif kind == 4:
-        shapes = [one.reshape(-1), one[None], one.reshape(-1)[:1].reshape(()), one.reshape(-1)[:0], one.mT if (
-            one.dim() > 1) else one]
+        shapes = [
+            one.reshape(-1),
+            one[None],
+            one.reshape(-1)[:1].reshape(()),
+            one.reshape(-1)[:0],
+            one.mT if (one.dim() > 1) else one,
+        ]
         tensors[name] = rng.choice(shapes).clone().contiguous()
     elif kind == 5:
         del tensors[name]

@@ -1,4 +1,4 @@
-"""Mutated files read in a process with bounds, so that tracebacks, crashes, hangs and memory without end are counted."""
+"""Mutated files read in a process with bounds: tracebacks, crashes, hangs and memory without end are counted."""
 
 import contextlib
 import json
@@ -114,7 +114,7 @@ def run_forked(command: Sequence[str], capture_output: bool, timeout: float) -> 
             status = 1
             try:
                 os.dup2(out.fileno(), 1), os.dup2(err.fileno(), 2)
-                sys.stdout, sys.stderr = (open(fd, "w", closefd=False) for fd in (1, 2))
+                sys.stdout, sys.stderr = (os.fdopen(fd, "w", closefd=False) for fd in (1, 2))
                 isolation._main(json.dumps(job))
                 status = 0
             except SystemExit as end:

@@ -3,10 +3,14 @@
 import re
 import sys
 
+import fuzz_networks
+import fuzz_plans
+import fuzz_pushes
+import fuzz_tracks
 import pytest
-from fuzz_kinds import KINDS
 from fuzz_pool import OUTCOMES, Found, Kind, attack
 
+KINDS = [*fuzz_plans.KINDS, *fuzz_pushes.KINDS, *fuzz_tracks.KINDS, *fuzz_networks.KINDS]
 SHORT, LONG = 12, 1000
 
 

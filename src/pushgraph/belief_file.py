@@ -114,9 +114,8 @@ class BeliefFile(Record):
                 raise ValueError(f"probabilities: shape must be {shape}, row {frame} differs")
             for pair, row in zip(self.pairs, rows, strict=True):
                 if abs(sum(row) - 1) > ROUNDED:
-                    raise ValueError(
-                        f"probabilities[{frame}]: those of {pair[0]!r} and {pair[1]!r} must be 1 together, got {sum(row):g}"
-                    )
+                    of_pair = f"{pair[0]!r} and {pair[1]!r}"
+                    raise ValueError(f"probabilities[{frame}]: of {of_pair}: must be 1 together, got {sum(row):g}")
 
     def joints_believed(self) -> list[BelievedJoint]:
         """Those of the end."""

@@ -131,10 +131,10 @@ def read_pushes(data: str | os.PathLike, outlines: str | os.PathLike) -> RealPus
     def stacked(*names: str) -> np.ndarray:
         return np.stack([columns[name] for name in names], -1)
 
-    for number, row in enumerate(rows, start=2):
+    for line, row in enumerate(rows, start=2):
         if row["shape"] not in shapes:
             raise RealPushError(
-                f"{data}: row {number}, column shape: no outline of {row['shape']!r} in {outlines}; "
+                f"{data}: row {line}, column shape: no outline of {row['shape']!r} in {outlines}; "
                 f"it has: {', '.join(shapes)}"
             )
     pushes = RealPushes(
@@ -218,7 +218,7 @@ def _table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         if content[:2] == b"\x1f\x8b":
             content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
-            raise RealPushError(f"{path}: cannot read these pushes: unpacked, they are larger than {MOST_BYTES >> 20} MiB")
+            raise RealPushError(f"{path}: cannot read these pushes: unpacked, more than {MOST_BYTES >> 20} MiB")
         reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
         names = next(reader, [])
         rows = []

@@ -47,9 +47,14 @@ def stored_here(file: h5py.File, name: str) -> h5py.Dataset:
     return array
 
 
-def read_through(path: Path, *names: str) -> dict[str, Any]:
-    """Read arrays piece by piece and keep nothing, to see whether they can be read; see `read_isolated`."""
+def read_through(path: Path, format: str, *names: str) -> dict[str, Any]:
+    """Read arrays of a file of a format piece by piece and keep nothing, to see whether it can be done.
+
+    For `read_isolated`: what can be read there can be read here.
+    """
     with h5py.File(path, "r") as file:
+        if str(file.attrs.get("format")) != format:
+            raise TrackError(f"not a dataset: attribute 'format' must be {format!r}")
         for name in names:
             array = stored_here(file, name)
             for first in range(0, len(array), ROWS):

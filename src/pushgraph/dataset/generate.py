@@ -123,8 +123,8 @@ def _check_recipe(parts: Path, recipe: Recipe) -> None:
     differences = recipe.differences(Recipe(**content))
     if differences:
         raise DatasetError(
-            f"{path}: the folder holds the beginning of another dataset ({differences}); run the command it was begun with, "
-            "choose another --out, or remove the folder"
+            f"{path}: the folder holds the beginning of another dataset ({differences}); run the command it was begun "
+            "with, choose another --out, or remove the folder"
         )
 
 

@@ -84,7 +84,7 @@ class RaggedFile:
             if intact is False:
                 raise TrackError("the file is damaged, its bytes are not those that were saved")
             if intact is None:
-                read_isolated(read_through, self.path, *valid.columns, *valid.measured_by)
+                read_isolated(read_through, self.path, valid.format, *valid.columns, *valid.measured_by)
             self._file = h5py.File(path, "r")
             attributes = dict(self._file.attrs)
         if str(attributes.get("format")) != valid.format:
@@ -232,7 +232,8 @@ def _recipe_in(attributes: Mapping[str, Any]) -> Recipe:
     for name, value in found.items():
         kind = str if name in ("setup", "versions") else np.integer
         if not isinstance(value, kind) or (kind is not str and value < (name in ("objects", "count"))):
-            raise TrackError(f"attribute {name!r}: must be {'text' if kind is str else 'a whole number'}, got {value!r}")
+            needed = "text" if kind is str else "a whole number"
+            raise TrackError(f"attribute {name!r}: must be {needed}, got {value!r}")
     if attributes.get("frame_s") != FRAME:
         raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {attributes.get('frame_s')!r}")
     return Recipe(**{name: value if isinstance(value, str) else int(value) for name, value in found.items()})

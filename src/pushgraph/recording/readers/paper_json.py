@@ -50,7 +50,7 @@ def read_paper_json(path: Path, options: ReadOptions) -> Sightings:
         text = read_plain(path, MOST_BYTES).removeprefix(BOM_UTF8)
     except OSError as error:
         raise TrackError(f"cannot be read: {error.strerror}") from None
-    content = parse(text, "as a recording of the paper", TrackError)
+    content = parse(text, "as a push of the paper", TrackError)
     if not isinstance(content, dict):
         raise TrackError("must be a JSON object")
     missing = [key for key in ("0", "1", "shapes", "edges") if key not in content]
