@@ -153,12 +153,12 @@ def of_csv(content: bytes, rng: Random) -> bytes:
         elif kind == 9:
             other = rng.randrange(len(rows))
             rows[line], rows[other] = rows[other], rows[line]
-        elif kind == 10:
+        elif kind == 10 and rows[0]:
             a, b = rng.randrange(len(rows[0])), rng.randrange(len(rows[0]))
             for row in rows[: rng.choice([1, len(rows)])]:
                 if max(a, b) < len(row):
                     row[a], row[b] = row[b], row[a]
-        elif kind == 11:
+        elif kind == 11 and rows[0]:
             rows[0][rng.randrange(len(rows[0]))] = rng.choice([*rows[0], "unknown", ""])
         elif kind == 12:
             rows[line:line] = [[]] * rng.choice([1, 3])
@@ -241,7 +241,7 @@ def _change_attribute(file: h5py.File, rng: Random) -> None:
     if kind == 0:
         return
     if kind == 1 and isinstance(old, str):
-        changed = of_bytes(old.encode(), rng).replace(b"\x00", b"?")
+        changed = of_bytes(old.encode("utf-8", "surrogateescape"), rng).replace(b"\x00", b"?")
         file.attrs[name] = np.bytes_(changed) if rng.random() < 0.5 else changed.decode(errors="replace")
     elif kind == 2:
         file.attrs[name] = h5py.Empty("f8")
@@ -315,7 +315,7 @@ def _change_array(file: h5py.File, rng: Random) -> None:
         file.create_dataset(name, data=[b"\xff\xfe"] * len(array), dtype="S2")
     elif kind == 14:
         file[name] = old
-        file[rng.choice(["unknown", name + "2"])] = np.arange(3)
+        file[f"{name} {rng.randrange(10**6)}"] = np.arange(3)
     else:
         file[name] = array[::-1] if array.ndim else array
 

@@ -123,7 +123,7 @@ def contents(path: Path) -> dict[str, Any]:
             raise TrackError(f"not such a track: attribute 'format' must be {FORMAT!r}")
         if str(file.attrs.get("version")) != str(VERSION):
             raise TrackError(f"track version {file.attrs.get('version')}, this pushgraph reads {VERSION}")
-        if file.attrs.get("frame_s") != FRAME:
+        if str(file.attrs.get("frame_s")) != str(FRAME):
             raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {file.attrs.get('frame_s')!r}")
         scene, poses = file.attrs.get("scene"), stored(file, "poses")
         if not isinstance(scene, str) or poses.dtype.kind != "f":

@@ -127,7 +127,7 @@ def _fault_of(own: Mapping[str, Tensor], corrected: bool) -> str:
     """Say what is wrong with the numbers of one `Adapted`; empty if nothing is."""
     needed = {"mean": (COUNT,), "covariance": (COUNT, COUNT)}
     for part, values in (("position", 2), ("yaw", 1)) if corrected else ():
-        samples = len(own.get(f"{part} places", torch.empty(0)))
+        samples = own.get(f"{part} places", torch.empty(0)).shape[:1].numel()
         shapes = (samples, FEATURES), (FEATURES + 2,), (samples, values), (samples, samples)
         needed |= {f"{part} {field}": shape for field, shape in zip(GaussianProcess._fields, shapes, strict=True)}
     empty = {name: torch.empty(shape, dtype=torch.float64, device="meta") for name, shape in needed.items()}

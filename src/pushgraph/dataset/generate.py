@@ -17,7 +17,7 @@ from pushgraph.errors import DatasetError
 from pushgraph.json_file import parse, read_text
 from pushgraph.simulation.lever_setup import LEVER_UP, draw_interaction
 from pushgraph.simulation.setups import draw_trajectory, find_setup
-from pushgraph.storage import replacing
+from pushgraph.storage import check_replaceable, replacing
 
 BLOCK = 8
 """Trajectories of a block: what a kill may lose, for each worker."""
@@ -50,6 +50,7 @@ def generate(
         if not least <= value <= most:
             raise DatasetError(f"{name}: must be from {least} to {most}, got {value}")
     out = Path(out)
+    check_replaceable(out)
     recipe = Recipe(setup=setup, objects=objects, seed=seed, first=0, count=count)
     if out.exists():
         _check_finished(out, recipe)

@@ -234,6 +234,6 @@ def _recipe_in(attributes: Mapping[str, Any]) -> Recipe:
         if not isinstance(value, kind) or (kind is not str and value < (name in ("objects", "count"))):
             needed = "text" if kind is str else "a whole number"
             raise TrackError(f"attribute {name!r}: must be {needed}, got {value!r}")
-    if attributes.get("frame_s") != FRAME:
+    if str(attributes.get("frame_s")) != str(FRAME):
         raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {attributes.get('frame_s')!r}")
     return Recipe(**{name: value if isinstance(value, str) else int(value) for name, value in found.items()})

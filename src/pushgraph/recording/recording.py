@@ -83,15 +83,28 @@ def read_recording(
     """
     sightings = read_sightings(Path(path), options)
     try:
-        return replace(recording_of(sightings, scene, names or {}, declared, lag, mend), source=str(path))
+        return recording_of(sightings, scene, names or {}, declared, lag, mend, str(path))
     except TrackError as error:
         raise TrackError(f"{path}: {error}") from None
 
 
 def recording_of(
-    sightings: Sightings, scene: Scene, names: Mapping[str, str], declared: Declared, lag: float | None, mend: bool
+    sightings: Sightings,
+    scene: Scene,
+    names: Mapping[str, str],
+    declared: Declared,
+    lag: float | None,
+    mend: bool,
+    source: str = "this recording",
 ) -> Recording:
     """From sightings to a recording; see `read_recording`."""
+    found = _recording_of(sightings, scene, names, declared, lag, mend)
+    return replace(found, source=source)
+
+
+def _recording_of(
+    sightings: Sightings, scene: Scene, names: Mapping[str, str], declared: Declared, lag: float | None, mend: bool
+) -> Recording:
     nodes = (ROBOT, *scene.names)
     matched = match_names(sightings.names, nodes, names)
     convention = Convention.of(sightings.declared.overruled_by(declared))
