@@ -52,7 +52,7 @@ class MassEntry(Record):
     """See `BelievedMass`."""
 
     body: str
-    classes: dict[str, Share]
+    classes: dict[str, float]
     mass: Interval
     slide: Interval
     ratios: dict[str, Interval]
@@ -63,7 +63,7 @@ class MassEntries(Record):
 
     classes: tuple[str, ...]
     times: tuple[float, ...]
-    probabilities: tuple[tuple[tuple[Share, ...], ...], ...]
+    probabilities: tuple[tuple[tuple[float, ...], ...], ...]
     quantiles: tuple[tuple[Interval, ...], ...]
     believed: tuple[MassEntry, ...]
 

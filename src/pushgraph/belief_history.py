@@ -17,7 +17,7 @@ from pushgraph.believed_mass import BelievedMass
 from pushgraph.body import Joint
 from pushgraph.errors import BeliefError
 from pushgraph.graph.scene_batch import JOINT_CODES
-from pushgraph.json_file import parse_object, read_text, save_sealed, validated
+from pushgraph.json_file import check_seal, parse_object, read_text, save_sealed, validated
 from pushgraph.mass_history import DIGITS, MassHistory, with_masses
 from pushgraph.regulator import BeliefRegulator, room_left
 from pushgraph.scene import Scene
@@ -131,6 +131,7 @@ class BeliefHistory:
             raise BeliefError(f'{path}: not beliefs: "format" must be "{FORMAT}"; pushgraph observe writes them')
         if content.get("version") != VERSION:
             raise BeliefError(f"{path}: version {content.get('version')} of beliefs; this pushgraph reads {VERSION}")
+        check_seal(content, str(path), BeliefError)
         told = validated(BeliefFile, text, f"{path}: these beliefs are damaged", BeliefError)
         shape = len(told.times), len(told.pairs), len(JOINT_CODES)
         return cls(

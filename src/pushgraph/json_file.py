@@ -47,16 +47,20 @@ def parse(text: str | bytes, where: str, error: type[PushGraphError]) -> Any:
 
 
 def parse_object(text: str | bytes, where: str, what: str, error: type[PushGraphError]) -> dict[str, Any]:
-    """The fields of a JSON object; raises `error` if the text is another value, or does not fit its checksum."""
+    """The fields of a JSON object; raises `error` if the text is another value."""
     content = parse(text, where, error)
     if not isinstance(content, dict):
         raise error(f"{where}: a {what} is a JSON object, got {type(content).__name__}")
+    return content
+
+
+def check_seal(content: Mapping[str, Any], where: str, error: type[PushGraphError]) -> None:
+    """Raise `error` if an object does not fit its checksum."""
     if CHECKSUM in content and content[CHECKSUM] != _checksum(content):
         raise error(
             f"{where}: it was damaged: its content does not fit its checksum; remove the field {CHECKSUM!r} if it was "
             "changed on purpose"
         )
-    return content
 
 
 def validated(record: type[AnyRecord], text: str | bytes, where: str, error: type[PushGraphError]) -> AnyRecord:

@@ -19,7 +19,7 @@ FLATNESS = 2e-5
 TURN = math.radians(5)
 """And that turn by no more than this from one to the next."""
 MOST_POINTS = 1000
-MOST_BYTES = 16 * 2**20
+MOST_BYTES = 2 * 2**20
 """Largest drawing that is read."""
 _NUMBER = r"[\s,]*+[+-]?+(?>\d++\.?+\d*+|\.\d++)(?>[eE][+-]?+\d++)?+"
 _FLAG = r"[\s,]*+[01]"

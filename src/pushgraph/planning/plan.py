@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pydantic import model_validator
 
 from pushgraph.errors import PlanningError
-from pushgraph.json_file import parse_object, read_text, save_sealed, validated
+from pushgraph.json_file import check_seal, parse_object, read_text, save_sealed, validated
 from pushgraph.record import Record
 from pushgraph.scene import Scene
 from pushgraph.spread import Ellipse
@@ -90,5 +90,6 @@ def load_plan(path: str | os.PathLike) -> tuple[str, Scene]:
     content = parse_object(text, str(path), "plan", PlanningError)
     if content.get("format") != FORMAT or content.get("version") != VERSION:
         raise PlanningError(f'{path}: not a plan: needs "format": "{FORMAT}", "version": {VERSION}')
+    check_seal(content, str(path), PlanningError)
     plan = validated(PlanFile, text, str(path), PlanningError)
     return plan.tool, plan.scene
