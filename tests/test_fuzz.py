@@ -11,7 +11,7 @@ import pytest
 from fuzz_pool import OUTCOMES, Found, Kind, attack
 
 KINDS = [*fuzz_plans.KINDS, *fuzz_pushes.KINDS, *fuzz_tracks.KINDS, *fuzz_networks.KINDS]
-SHORT, LONG = 12, 1000
+SHORT, LONG = 8, 1000
 
 
 def row(kind: Kind, found: Found) -> str:
