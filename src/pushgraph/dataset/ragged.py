@@ -228,12 +228,18 @@ def _create(file: h5py.File, name: str, column: Column, length: int) -> h5py.Dat
 
 def _recipe_in(attributes: Mapping[str, Any]) -> Recipe:
     """The recipe that stands in a file's attributes; raises TrackError if it is none."""
-    found = {name: attributes.get(name) for name in Recipe.names()}
-    for name, value in found.items():
-        kind = str if name in ("setup", "versions") else np.integer
-        if not isinstance(value, kind) or (kind is not str and value < (name in ("objects", "count"))):
-            needed = "text" if kind is str else "a whole number"
-            raise TrackError(f"attribute {name!r}: must be {needed}, got {value!r}")
+    found: dict[str, Any] = {}
+    for name in Recipe.names():
+        value = attributes.get(name)
+        if name in ("setup", "versions"):
+            if not isinstance(value, str):
+                raise TrackError(f"attribute {name!r}: must be text, got {value!r}")
+            found[name] = value
+        else:
+            least = int(name in ("objects", "count"))
+            if not isinstance(value, np.integer) or value < least:
+                raise TrackError(f"attribute {name!r}: must be a whole number from {least} on, got {value!r}")
+            found[name] = int(value)
     if str(attributes.get("frame_s")) != str(FRAME):
         raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {attributes.get('frame_s')!r}")
-    return Recipe(**{name: value if isinstance(value, str) else int(value) for name, value in found.items()})
+    return Recipe(**found)
