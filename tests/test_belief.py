@@ -470,13 +470,23 @@ def test_beliefs_move_with_their_scene(ours, monkeypatch) -> None:
         history.apply_to(triangle())
 
 
+def unsealed(text: str, **changes: object) -> str:
+    """Beliefs with other fields, changed on purpose."""
+    content = json.loads(text) | changes
+    del content["checksum"]
+    return json.dumps(content)
+
+
 @pytest.mark.parametrize(
     ("edit", "says"),
     [
         (lambda text: text[:50], "may be truncated"),
-        (lambda text: "[]", "not beliefs"),
+        (lambda text: "[]", "is a JSON object, got list"),
         (lambda text: text.replace('"version": 3', '"version": 2', 1), "version 2 of beliefs"),
-        (lambda text: json.dumps(json.loads(text) | {"probabilities": [[[0.5]]]}), "shape"),
+        (lambda text: text.replace("0.5", "0.6", 1), "was damaged: its content does not fit its checksum"),
+        (lambda text: unsealed(text, probabilities=[[[0.5]]]), "shape"),
+        (lambda text: unsealed(text, joints=["none", "fixed", "revolute", "prismatic"]), "in this order"),
+        (lambda text: unsealed(text, times=[1e400]), "finite"),
         (lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "pairs"}), "damaged"),
     ],
 )

@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 import pytest
 
+from pushgraph.checksum import checksum_line
 from pushgraph.dataset import generate as generation
 from pushgraph.dataset.generate import generate
 from pushgraph.dataset.store import Dataset
@@ -221,8 +222,22 @@ def test_damage_inside_the_data_is_noticed(small: Path, tmp_path: Path) -> None:
         chunk = file["poses"].id.get_chunk_info(0)
     whole[chunk.byte_offset + chunk.size // 2] ^= 0xFF
     out.write_bytes(whole)
-    with Dataset(out) as dataset, pytest.raises(DatasetError, match="damaged"):
-        dataset[0]
+    with pytest.raises(DatasetError, match="damaged"):
+        Dataset(out)
+
+
+def test_datasets_without_a_checksum_are_read_if_all_of_them_can_be(small: Path, tmp_path: Path) -> None:
+    out, content = tmp_path / "data.h5", small.read_bytes()[: -len(checksum_line(b""))]
+    out.write_bytes(content)
+    with Dataset(out) as dataset, Dataset(small) as whole:
+        np.testing.assert_array_equal(dataset[3].poses, whole[3].poses)
+    with h5py.File(small) as file:
+        chunk = file["poses"].id.get_chunk_info(0)
+    damaged = bytearray(content)
+    damaged[chunk.byte_offset + chunk.size // 2] ^= 0xFF
+    out.write_bytes(damaged)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        Dataset(out)
 
 
 def test_a_foreign_file_is_refused(tmp_path: Path) -> None:

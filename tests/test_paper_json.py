@@ -71,7 +71,7 @@ def broken(**changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (json.dumps(content())[:-40], "no whole JSON, the file may be truncated"),
+        (json.dumps(content())[:-40], "not valid JSON, it may be truncated"),
         ({key: rows for key, rows in content().items() if key != "edges"}, "no key 'edges'"),
         ({key: rows for key, rows in content().items() if key != "2"}, "keys 0, 1, 3: must be 0 to 2"),
         (broken(**{"2": content()["2"][:1]}), "key '2': has 1 frames, key '0' has 2"),

@@ -5,22 +5,22 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.belief import BeliefModel
+from pushgraph.belief_file import BeliefFile
 from pushgraph.believed_joint import BelievedJoint
 from pushgraph.believed_mass import BelievedMass
 from pushgraph.body import Joint
-from pushgraph.errors import BeliefError, PushGraphError
+from pushgraph.errors import BeliefError
 from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.json_file import check_seal, parse_object, read_text, save_sealed, validated
 from pushgraph.mass_history import DIGITS, MassHistory, with_masses
 from pushgraph.regulator import BeliefRegulator, room_left
 from pushgraph.scene import Scene
-from pushgraph.storage import replacing
 from pushgraph.track import Track
 
 FORMAT = "pushgraph.beliefs"
@@ -120,38 +120,29 @@ class BeliefHistory:
             "masses": None if self.mass_history is None else self.mass_history.to_json(),
             "scene": json.loads(self.scene.to_json()),
         }
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(content))
+        save_sealed(path, content)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "BeliefHistory":
         """Read JSON; raises BeliefError if it is not what `save` writes."""
-        try:
-            content = json.loads(Path(path).read_bytes())
-        except (OSError, ValueError) as error:
-            raise BeliefError(f"{path}: cannot read these beliefs, the file may be truncated: {error}") from None
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
+        text = read_text(path, "file of beliefs", BeliefError)
+        content = parse_object(text, str(path), "file of beliefs", BeliefError)
+        if content.get("format") != FORMAT:
             raise BeliefError(f'{path}: not beliefs: "format" must be "{FORMAT}"; pushgraph observe writes them')
         if content.get("version") != VERSION:
             raise BeliefError(f"{path}: version {content.get('version')} of beliefs; this pushgraph reads {VERSION}")
-        try:
-            probabilities = np.array(content["probabilities"], dtype=float)
-            pairs, times = [(a, b) for a, b in content["pairs"]], np.array(content["times"], dtype=float)
-            scene = Scene.from_json(json.dumps(content["scene"]), f"{path}: scene")
-            joints = [BelievedJoint.from_json(joint) for joint in content["believed_joints"]]
-            lost = {name: [(a, b) for a, b in stretches] for name, stretches in content["lost"].items()}
-            told = content["masses"]
-            masses = None if told is None else MassHistory.from_json(told, scene, f"{path}: masses")
-        except (KeyError, ValueError, TypeError, AttributeError) as error:
-            raise BeliefError(f"{path}: these beliefs are damaged: {error!r}") from None
-        except PushGraphError as error:
-            raise BeliefError(str(error)) from None
-        if probabilities.shape != (len(times), len(pairs), len(JOINT_CODES)) or not np.isfinite(probabilities).all():
-            raise BeliefError(
-                f"{path}: probabilities: must be finite numbers of shape {(len(times), len(pairs), len(JOINT_CODES))}, "
-                f"got {probabilities.shape}"
-            )
-        return cls(pairs, times, probabilities, lost, joints, scene, masses)
+        check_seal(content, str(path), BeliefError)
+        told = validated(BeliefFile, text, f"{path}: these beliefs are damaged", BeliefError)
+        shape = len(told.times), len(told.pairs), len(JOINT_CODES)
+        return cls(
+            told.pairs,
+            np.array(told.times),
+            np.array(told.probabilities, dtype=float).reshape(shape),
+            told.lost,
+            told.joints_believed(),
+            told.scene,
+            told.mass_history(f"{path}: masses"),
+        )
 
 
 def joined_as(believed: Scene, scene: Scene) -> Scene:

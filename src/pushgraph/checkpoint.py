@@ -8,16 +8,40 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import torch
+from pydantic import Field
 from torch import nn
 
 from pushgraph.errors import CheckpointError, NetworkError
 from pushgraph.network.registry import NETWORKS, build_network
-from pushgraph.tensor_file import load_tensors, save_tensors
+from pushgraph.record import Record
+from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tensors
 
 FORMAT = "pushgraph.checkpoint"
 VERSION = 1
+MOST = 4096
+"""Of any size in a network's config."""
+
+
+class TrainingRecord(Record, extra="allow"):
+    """How a network was trained, in whatever words its task has; what predictions need of it must be right."""
+
+    range: Annotated[dict[str, tuple[float, float]], Field(default_factory=dict)]
+    """Lowest and highest value of each quantity in the scenes of its data."""
+
+
+class CheckpointHeader(Header):
+    """What the header of a checkpoint says; see `Checkpoint`. features: of the network's inputs."""
+
+    format: Literal["pushgraph.checkpoint"] = "pushgraph.checkpoint"
+    version: Literal[1] = 1
+    kind: str
+    config: dict[str, Annotated[int, Field(ge=1, le=MOST)]]
+    features: Annotated[dict[str, Any], Field(alias="schema")]
+    record: TrainingRecord
+    physics: str | None = None
 
 
 @dataclass(frozen=True)
@@ -54,22 +78,21 @@ def save_checkpoint(checkpoint: Checkpoint, path: str | os.PathLike) -> None:
 
 def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
     """Read a checkpoint; raises CheckpointError if any part of it is not what this pushgraph understands."""
-    header, tensors = load_tensors(path, "checkpoint", FORMAT, VERSION, CheckpointError, "train it anew")
+    header, tensors = load_tensors(path, "checkpoint", CheckpointHeader, CheckpointError, "train it anew")
+    kind, config, record = (header[name] for name in ("kind", "config", "record"))
     try:
-        network = build_network(header["kind"], header["config"])
+        with torch.device("meta"):  # before memory is taken for what a config merely claims
+            needed = build_network(kind, config).state_dict()
     except NetworkError as error:
         raise CheckpointError(f"{path}: {error}") from None
-    schema = NETWORKS[header["kind"]].schema()
+    schema = NETWORKS[kind].schema()
     if header["schema"] != schema:
         changed = [name for name in schema if header["schema"].get(name) != schema[name]]
         raise CheckpointError(f"{path}: trained on other features ({', '.join(changed)}); train it anew")
-    try:
-        network.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise CheckpointError(f"{path}: its weights do not fit its config: {error}") from None
-    if not all(values.isfinite().all() for values in tensors.values()):
-        raise CheckpointError(f"{path}: it holds weights that are not finite")
-    kind, config, record = (header[name] for name in ("kind", "config", "record"))
+    if fault := check_tensors(tensors, needed):
+        raise CheckpointError(f"{path}: its weights do not fit its config: {fault}")
+    network = build_network(kind, config)
+    network.load_state_dict(tensors)
     return Checkpoint(kind, config, network.eval(), record, header.get("physics"), header["hash"])
 
 

@@ -2,14 +2,15 @@
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from pushgraph.errors import ArmError
-from pushgraph.record import Record, explain
+from pushgraph.json_file import parse_object, read_text, validated
+from pushgraph.record import Record
 from pushgraph.storage import replacing
 
 NANOSECONDS = 1_000_000_000
@@ -18,8 +19,8 @@ NANOSECONDS = 1_000_000_000
 class Duration(Record):
     """A time in ROS's whole numbers."""
 
-    sec: int
-    nanosec: int
+    sec: Annotated[int, Field(ge=0, lt=2**31)]
+    nanosec: Annotated[int, Field(ge=0, lt=NANOSECONDS)]
 
 
 class JointTrajectoryPoint(Record):
@@ -39,6 +40,11 @@ class JointTrajectory(Record):
 
     @model_validator(mode="after")
     def _whole(self) -> "JointTrajectory":
+        if len(set(self.joint_names)) < len(self.joint_names):
+            raise ValueError("joint_names: must differ")
+        late = np.flatnonzero(np.diff(self.times, prepend=-1.0) <= 0)
+        if len(late):
+            raise ValueError(f"points[{late[0]}].time_from_start: times must rise")
         for index, point in enumerate(self.points):
             for name in ("positions", "velocities", "accelerations"):
                 if len(getattr(point, name)) != len(self.joint_names):
@@ -99,9 +105,6 @@ class JointTrajectory(Record):
     @classmethod
     def load(cls, path: str | os.PathLike) -> "JointTrajectory":
         """Read JSON; raises ArmError if it is none."""
-        try:
-            return cls.model_validate_json(Path(path).read_bytes())
-        except OSError as error:
-            raise ArmError(f"{path}: cannot read this joint trajectory: {error.strerror}") from None
-        except ValidationError as error:
-            raise ArmError(explain(error, str(path), None)) from None
+        text = read_text(path, "joint trajectory", ArmError)
+        parse_object(text, str(path), "joint trajectory", ArmError)
+        return validated(cls, text, str(path), ArmError)

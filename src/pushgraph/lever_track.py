@@ -15,7 +15,7 @@ from pushgraph.errors import SceneError, TrackError
 from pushgraph.isolation import read_isolated
 from pushgraph.lever_scene import TOOL, LeverScene, corners, depth
 from pushgraph.storage import replacing_hdf5
-from pushgraph.stored_array import stored
+from pushgraph.stored_array import stored, stored_names
 from pushgraph.track_frames import FRAME
 
 FORMAT = "pushgraph.lever-track"
@@ -106,7 +106,10 @@ class LeverTrack:
             if intact is False:
                 raise TrackError("cannot read this track: the file is damaged, its bytes are not those saved")
             found = contents(path) if intact else read_isolated(contents, path)
-            return cls(LeverScene.from_json(found["scene"]), found["poses"])
+            track = cls(LeverScene.from_json(found["scene"]), found["poses"])
+            if tuple(found["nodes"]) != track.nodes:
+                raise TrackError(f"its nodes {found['nodes']} are not those of the scene, {list(track.nodes)}")
+            return track
         except (TrackError, SceneError) as error:
             raise TrackError(f"{path}: {error}") from None
         except OSError as error:
@@ -120,7 +123,9 @@ def contents(path: Path) -> dict[str, Any]:
             raise TrackError(f"not such a track: attribute 'format' must be {FORMAT!r}")
         if str(file.attrs.get("version")) != str(VERSION):
             raise TrackError(f"track version {file.attrs.get('version')}, this pushgraph reads {VERSION}")
+        if str(file.attrs.get("frame_s")) != str(FRAME):
+            raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {file.attrs.get('frame_s')!r}")
         scene, poses = file.attrs.get("scene"), stored(file, "poses")
         if not isinstance(scene, str) or poses.dtype.kind != "f":
             raise TrackError("its scene must be text, its poses numbers")
-        return {"scene": scene, "poses": poses}
+        return {"scene": scene, "poses": poses.astype(float), "nodes": stored_names(file, "nodes")}

@@ -54,16 +54,18 @@ class MassHistory:
     def from_json(cls, content: Mapping[str, Any], scene: Scene, where: str) -> "MassHistory":
         """The inverse of `to_json`; `where` names it in errors.
 
-        Raises KeyError, TypeError or ValueError if anything is missing, and BeliefError if it cannot be or is not about
-        the scene.
+        Raises KeyError or TypeError if anything is missing, and BeliefError if it cannot be or is not about the scene.
         """
         classes = list(content["classes"])
         known = [one.name for one in scene.classes_of_mass]
         if classes != known:
             raise BeliefError(f"{where}: the classes are {_listed(classes)}; those of the scene are {_listed(known)}")
-        times, probabilities, quantiles = (
-            np.array(content[name], dtype=float) for name in ("times", "probabilities", "quantiles")
-        )
+        try:
+            times, probabilities, quantiles = (
+                np.array(content[name], dtype=float) for name in ("times", "probabilities", "quantiles")
+            )
+        except ValueError:
+            raise BeliefError(f"{where}: times, probabilities, quantiles: rows differ in length") from None
         believed = [BelievedMass.from_json(mass) for mass in content["believed"]]
         _check_bodies(believed, scene, where)
         for mass in believed:

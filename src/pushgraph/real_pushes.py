@@ -9,9 +9,10 @@ for the speed.
 import csv
 import gzip
 import io
-import json
 import math
 import os
+import sys
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -23,7 +24,10 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
 from pushgraph.errors import RealPushError, SceneError
+from pushgraph.json_file import parse, read_text
 from pushgraph.shape import BodyShape, Cuboid, Cylinder, Polygon
+from pushgraph.storage import read_plain
+from pushgraph.written_number import number
 
 BEFORE, AFTER = ("x0", "y0", "yaw0"), ("x1", "y1", "yaw1")
 PROBE_START, PROBE_END = ("tip_x0", "tip_y0"), ("tip_x1", "tip_y1")
@@ -31,6 +35,8 @@ SPEED = "speed_mm_s"
 LABELS = ("surface", "shape")
 NUMBERS = (SPEED, *BEFORE, *AFTER, *PROBE_START, *PROBE_END)
 COLUMNS = (*LABELS, *NUMBERS)
+MOST_BYTES = 64 * 2**20
+"""Largest table that is read, unpacked."""
 PROBE_RADIUS = 0.00475
 """Of the probe (m), unless told otherwise."""
 DEEPEST = 0.008
@@ -114,17 +120,21 @@ def read_pushes(data: str | os.PathLike, outlines: str | os.PathLike) -> RealPus
         raise RealPushError(f"{data}: row 1: no column {', '.join(missing)}; needed: {', '.join(COLUMNS)}")
     if not rows:
         raise RealPushError(f"{data}: holds no push below its header; each row is one")
-    models = [name.removesuffix("_x1") for name in names if name.endswith("_x1")]
-    models = [name for name in models if all(f"{name}_{column}" in names for column in AFTER)]
+    endings = tuple(f"_{column}" for column in AFTER)
+    stated = [name for name in names if name.endswith(endings) and name not in COLUMNS]
+    models = list(dict.fromkeys(name.rsplit("_", 1)[0] for name in stated))
+    missing = [f"{model}{ending}" for model in models for ending in endings if f"{model}{ending}" not in names]
+    if missing:
+        raise RealPushError(f"{data}: row 1: no column {', '.join(missing)}, which goes with others of that model")
     columns = {name: _numbers(data, rows, name) for name in (*NUMBERS, *(f"{m}_{c}" for m in models for c in AFTER))}
 
     def stacked(*names: str) -> np.ndarray:
         return np.stack([columns[name] for name in names], -1)
 
-    for number, row in enumerate(rows, start=2):
+    for line, row in enumerate(rows, start=2):
         if row["shape"] not in shapes:
             raise RealPushError(
-                f"{data}: row {number}, column shape: no outline of {row['shape']!r} in {outlines}; "
+                f"{data}: row {line}, column shape: no outline of {row['shape']!r} in {outlines}; "
                 f"it has: {', '.join(shapes)}"
             )
     pushes = RealPushes(
@@ -144,10 +154,7 @@ def read_pushes(data: str | os.PathLike, outlines: str | os.PathLike) -> RealPus
 
 def read_outlines(path: str | os.PathLike) -> dict[str, BodyShape]:
     """Shapes by name; raises RealPushError, naming the shape, if one is none."""
-    try:
-        described = json.loads(Path(path).read_text())
-    except (OSError, ValueError) as error:
-        raise RealPushError(f"{path}: cannot read these outlines: {error}") from None
+    described = parse(read_text(path, "file of outlines", RealPushError), str(path), RealPushError)
     if not isinstance(described, dict) or not described:
         raise RealPushError(f"{path}: outlines must be an object of {{shape: outline}}")
     shapes = {}
@@ -171,20 +178,28 @@ def outline_of(shape: BodyShape) -> Float[np.ndarray, "points 2"]:
 def _shape_of(outline: Any) -> BodyShape:
     kinds = set(outline) if isinstance(outline, dict) else set()
     if kinds == {"ellipse"}:
-        x, y = (float(axis) for axis in outline["ellipse"])
+        x, y = _plain(outline["ellipse"])
         if not (0 < x < math.inf and 0 < y < math.inf):
             raise ValueError(f"ellipse: both axes must be positive lengths, got {[x, y]}")
         return Cylinder(diameter=x) if x == y else Polygon(points=_tuples(_ellipse(x, y)))
     if kinds != {"polygon"}:
         raise ValueError('must be {"polygon": [[x, y], ...]} or {"ellipse": [full x axis, full y axis]}')
-    points = np.array(outline["polygon"], dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2:
+    if not isinstance(outline["polygon"], list) or not outline["polygon"]:
         raise ValueError("polygon: must be a list of points [x, y]")
+    points = np.array([_plain(point) for point in outline["polygon"]])
     size = np.ptp(points, axis=0)
     if len(points) == 4 and np.allclose(np.abs(points), size / 2, atol=1e-9) and len(np.unique(points, axis=0)) == 4:
         polygon = Polygon(points=_tuples(points))  # refuses what crosses itself
         return Cuboid(size=(float(size[0]), float(size[1])), height=polygon.height)
     return Polygon(points=_tuples(points))
+
+
+def _plain(pair: Any) -> tuple[float, float]:
+    """Two numbers."""
+    if not isinstance(pair, list) or [type(value) in (int, float) for value in pair] != [True, True]:
+        raise ValueError(f"must be two numbers [x, y], got {str(pair)[:60]}")
+    x, y = (float(value) if abs(value) <= sys.float_info.max else math.inf for value in pair)
+    return x, y
 
 
 def _ellipse(x: float, y: float) -> Float[np.ndarray, "points 2"]:
@@ -199,19 +214,30 @@ def _tuples(points: Float[np.ndarray, "points 2"]) -> tuple[tuple[float, float],
 def _table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
     """Names of the columns, and rows."""
     try:
-        content = path.read_bytes()
-        text = (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+        content = read_plain(path, MOST_BYTES)
+        if content[:2] == b"\x1f\x8b":
+            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise RealPushError(f"{path}: cannot read these pushes: unpacked, more than {MOST_BYTES >> 20} MiB")
+        reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
+        names = next(reader, [])
+        rows = []
+        for row in reader:
+            if row and len(row) != len(names):
+                raise RealPushError(f"{path}: line {reader.line_num}: {len(names)} columns are needed, got {len(row)}")
+            rows += [dict(zip(names, row, strict=True))] if row else []
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise RealPushError(f"{path}: cannot read these pushes: {error}") from None
-    reader = csv.DictReader(io.StringIO(text, newline=""))
-    return list(reader.fieldnames or []), list(reader)
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise RealPushError(f"{path}: row 1: two columns are called {twice[0]!r}")
+    return names, rows
 
 
 def _numbers(path: str | os.PathLike, rows: Sequence[Mapping[str, str]], name: str) -> Float[np.ndarray, " rows"]:
     values = np.empty(len(rows))
     for k, row in enumerate(rows):
         try:
-            values[k] = float(row[name])
+            values[k] = number(row[name])
         except (TypeError, ValueError):
             raise RealPushError(f"{path}: row {k + 2}, column {name}: {row[name]!r} is no number") from None
         if not math.isfinite(values[k]):

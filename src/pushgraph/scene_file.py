@@ -2,12 +2,12 @@
 
 import json
 import os
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from pushgraph.errors import SceneError
+from pushgraph.json_file import parse, read_text
 from pushgraph.record import Record, explain
 
 AnyScene = TypeVar("AnyScene", bound="SceneFile")
@@ -66,21 +66,12 @@ class SceneFile(Record):
 
 def read(path: str | os.PathLike) -> bytes:
     """The text of a scene file."""
-    try:
-        return Path(path).read_bytes()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise SceneError(f"{path}: cannot read this scene: {reason}") from error
+    return read_text(path, "scene", SceneError)
 
 
 def header(text: str | bytes, source: str) -> dict[str, object]:
     """The fields of a scene's JSON text as they stand there, not checked."""
-    try:
-        data = json.loads(text, object_pairs_hook=_without_duplicates)
-    except RecursionError:
-        raise SceneError(f"{source}: not a scene: nested too deeply") from None
-    except ValueError as error:
-        raise SceneError(f"{source}: not valid JSON: {error}") from None
+    data = parse(text, source, SceneError)
     if not isinstance(data, dict):
         raise SceneError(f"{source}: a scene is a JSON object, got {type(data).__name__}")
     return data
@@ -92,10 +83,3 @@ def _parsed(text: str | bytes) -> object:
     except (ValueError, RecursionError):
         return None
 
-
-def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    fields = dict(pairs)
-    if len(fields) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} stands twice in one object")
-    return fields

@@ -1,7 +1,9 @@
 """Files that are either whole or not there: written under a temporary name, then renamed."""
 
 import contextlib
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +17,11 @@ from pushgraph.errors import StorageError
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
 
-    Raises StorageError if the system refuses, with a full disk for instance; `path` is then as it was.
+    Raises StorageError if the system refuses, with a full disk for instance, or if `path` is something else than a
+    plain file, such as a device or a folder; it is then as it was.
     """
     target = Path(path)
+    check_replaceable(target)
     temporary = target.with_name(f".{target.stem}.partial{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -30,6 +34,32 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def check_replaceable(path: str | os.PathLike) -> None:
+    """Raise StorageError if something else than a plain file stands at a path."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):  # nothing stands there, or it will be refused by name where it is written
+        return
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no plain file"
+        raise StorageError(f"{path}: cannot be written: it is {kind}; nothing was overwritten")
+
+
+def read_plain(path: Path, most: int) -> bytes:
+    """The bytes of a plain file of no more than `most`; raises OSError for anything else, which may never end."""
+    if size_of(path) > most:
+        raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB")
+    return path.read_bytes()
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a plain file; raises OSError for anything else."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "it is a folder" if stat.S_ISDIR(status.st_mode) else "it is no plain file")
+    return status.st_size
 
 
 @contextlib.contextmanager

@@ -2,6 +2,8 @@
 
 import math
 import os
+import re
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +12,22 @@ import svgelements
 from pushgraph import outline
 from pushgraph.errors import SceneError
 from pushgraph.shape import Polygon
+from pushgraph.storage import read_plain
 
 FLATNESS = 2e-5
 """Curves are drawn as chords that stay within this of them (m)."""
 TURN = math.radians(5)
 """And that turn by no more than this from one to the next."""
 MOST_POINTS = 1000
+MOST_BYTES = 2 * 2**20
+"""Largest drawing that is read."""
+_NUMBER = r"[\s,]*+[+-]?+(?>\d++\.?+\d*+|\.\d++)(?>[eE][+-]?+\d++)?+"
+_FLAG = r"[\s,]*+[01]"
+_ARGUMENTS = {"Hh": [_NUMBER], "MmLlTt": [_NUMBER] * 2, "SsQq": [_NUMBER] * 4, "Cc": [_NUMBER] * 6}
+_ARGUMENTS |= {"Aa": [*[_NUMBER] * 3, _FLAG, _FLAG, _NUMBER, _NUMBER], "Vv": [_NUMBER]}
+_COMMANDS = "|".join(rf"[{letters}](?>{''.join(parts)})++" for letters, parts in _ARGUMENTS.items())
+_PATH = re.compile(rf"(?>\s*+(?>{_COMMANDS}|[Zz]))*+\s*+", re.ASCII)
+"""Path data as SVG 1.1 has it; the parser leaves out what it does not understand."""
 
 
 def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = None, height: float = 0.10) -> Polygon:
@@ -30,9 +42,13 @@ def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = Non
     if not (math.isfinite(scale) and scale > 0):
         raise SceneError(f"{file}: scale: must be metres per unit of the drawing, above 0, got {scale!r}")
     try:
+        read_plain(Path(file), MOST_BYTES)
+        _check_written(Path(file))
         drawing = svgelements.SVG.parse(str(Path(file)), reify=True)
         # The parser turns user units into pixels of a screen: turn them back.
         units = ~svgelements.Matrix(drawing.viewbox_transform or "")
+    except SceneError:
+        raise
     except Exception as error:  # the parser raises whatever its XML and number readers raise
         raise SceneError(f"{file}: cannot read this drawing: {error}") from error
     found: dict[tuple[str, int], svgelements.Path] = {}
@@ -63,6 +79,21 @@ def outline_from_svg(file: str | os.PathLike, scale: float, id: str | None = Non
         raise SceneError(f"{where}: {fault}")
     points = points - outline.centroid(points)
     return Polygon(points=tuple(map(tuple, points.round(9).tolist())), height=height)
+
+
+def _check_written(file: Path) -> None:
+    """Raise SceneError if a path or a list of points is not whole."""
+    for element in ElementTree.parse(file).iter():
+        kind = str(element.tag).rpartition("}")[2]
+        written, whole = element.get("d", ""), _PATH.fullmatch(element.get("d", ""))
+        if kind in ("polygon", "polyline"):
+            written = element.get("points", "")
+            whole = re.fullmatch(rf"(?>{_NUMBER}{_NUMBER})*+\s*+", written, re.ASCII)
+        if whole is None:
+            at = _PATH.match(written)
+            end = at.end() if at and kind == "path" else 0
+            name = element.get("id") or "(no id)"
+            raise SceneError(f"{file}: {kind} {name}: its data make no sense from {written[end : end + 40]!r} on")
 
 
 def _is_closed(path: svgelements.Path) -> bool:

@@ -3,16 +3,17 @@
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pushgraph.body import ROBOT
 from pushgraph.errors import TrackError
-from pushgraph.storage import replacing
+from pushgraph.storage import replacing, size_of
 from pushgraph.track_frames import LIFTED, Frames
 from pushgraph.wrench import COMPONENTS, NO_READING, reading_from_text
+from pushgraph.written_number import number
 
 COLUMNS = ("time", "node", "x", "y", "yaw", "push")
 
@@ -33,17 +34,19 @@ def save_csv(path: Path, nodes: Sequence[str], frames: Frames) -> None:
 def load_csv(path: Path, nodes: Sequence[str]) -> Frames:
     """Read the frames of these nodes; a node without a line at some time was not seen then."""
     try:
+        size_of(path)
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
+            rows = csv.reader(file, strict=True)
+            header = tuple(name.strip() for name in next(rows, []))
+            if header not in (COLUMNS, COLUMNS + COMPONENTS):
+                with_wrench = f"with or without {','.join(COMPONENTS)}"
+                raise TrackError(f"line 1: the header must be {','.join(COLUMNS)}, {with_wrench}")
+            return _from_rows(rows, nodes, measured=len(header) > len(COLUMNS))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise TrackError(f"cannot read this track: {error}") from None
-    header = tuple(name.strip() for name in rows[0]) if rows else ()
-    if header not in (COLUMNS, COLUMNS + COMPONENTS):
-        raise TrackError(f"line 1: the header must be {','.join(COLUMNS)}, with or without {','.join(COMPONENTS)}")
-    return _from_rows(rows[1:], nodes, measured=len(header) > len(COLUMNS))
 
 
-def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str], measured: bool) -> Frames:
+def _from_rows(rows: Iterable[Sequence[str]], nodes: Sequence[str], measured: bool) -> Frames:
     """Frames from all lines but the header. measured: whether they end with the wrench."""
     columns = len(COLUMNS) + measured * len(COMPONENTS)
     times: list[float] = []
@@ -79,7 +82,7 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str], measured: bo
         yaw = _number(row[4], line, "yaw") if row[4].strip() else math.nan
         poses[-1][node] = (_number(row[2], line, "x"), _number(row[3], line, "y"), yaw)
         if name == ROBOT:
-            if not re.fullmatch(r"-?\d{1,6}", row[5].strip()):
+            if not re.fullmatch(r"-?[0-9]{1,6}", row[5].strip()):
                 raise TrackError(f"line {line}: push: must be a whole number, got {row[5]!r}")
             push[-1] = int(row[5])
     stacked = np.array(poses).reshape(-1, len(nodes), 3)
@@ -94,7 +97,7 @@ def _from_rows(rows: Sequence[Sequence[str]], nodes: Sequence[str], measured: bo
 
 def _number(text: str, line: int, column: str) -> float:
     try:
-        value = float(text)
+        value = number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -16,7 +16,7 @@ from pushgraph.checksum import is_intact
 from pushgraph.errors import TrackError
 from pushgraph.isolation import read_isolated
 from pushgraph.storage import replacing_hdf5
-from pushgraph.stored_array import stored
+from pushgraph.stored_array import stored, stored_names
 from pushgraph.track_frames import Frames
 
 FORMAT = "pushgraph.track"
@@ -72,7 +72,7 @@ def contents(path: Path, spread_fields: Sequence[str]) -> dict[str, Any]:
             raise TrackError(f"track version {file.attrs.get('version')}, this pushgraph reads {VERSION}")
         scene = file.attrs.get("scene")
         found: dict[str, Any] = {"scene": scene if isinstance(scene, str) else ""}
-        found["nodes"] = [name.decode() for name in stored(file, "nodes").ravel()]
+        found["nodes"] = stored_names(file, "nodes")
         for name, (kind, axes) in _ARRAYS.items():
             if name in file or name != "wrench":
                 found[name] = _array(file, name, kind, axes)

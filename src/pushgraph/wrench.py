@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pushgraph.errors import TrackError
+from pushgraph.written_number import number
 
 COMPONENTS = ("force_x", "force_y", "moment")
 UNITS = {"force_x": "N", "force_y": "N", "moment": "N m"}
@@ -78,7 +79,7 @@ def reading_from_text(cells: Sequence[str], where: str) -> tuple[float, ...]:
     values = []
     for name, text in zip(COMPONENTS, texts, strict=True):
         try:
-            value = float(text)
+            value = number(text)
         except ValueError:
             value = np.nan
         if not np.isfinite(value):

@@ -18,6 +18,8 @@ FEWEST = 10
 """From fewer pushes no correction is learnt."""
 MOST = 500
 """Of more pushes, so many, evenly chosen: the time grows with the third power."""
+FEATURES = 11
+"""Numbers that a correction sees of a push; see `features`."""
 LENGTH, ARM, TURN, TABLE = 0.02, 0.03, 0.3, 0.05
 """Units of the features: of lengths, lever arms (m), turns (rad), and places on the table (m)."""
 
@@ -65,7 +67,7 @@ class Correction(NamedTuple):
         return (values - self.strength * (values - alone)) * SCALE
 
 
-def features(pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes features"]:
+def features(pushes: RealPushes, motion: Float[np.ndarray, "pushes 3"]) -> Float[np.ndarray, "pushes 11"]:
     """Where the probe touches, how it goes on from there, and how the object is predicted to move, in its frame; with
     the heading in the world and the place on the table, since tables and cameras are not alike everywhere."""
     touch = contact_points(pushes)

@@ -2,20 +2,64 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
 
 import torch
+from pydantic import Field, model_validator
 from torch import Tensor
 
 from pushgraph.adaptation.adapted import Adaptation, Adapted
-from pushgraph.adaptation.correction import Correction
+from pushgraph.adaptation.correction import FEATURES, Correction
 from pushgraph.adaptation.gaussian_process import GaussianProcess
-from pushgraph.adaptation.unknowns import Estimate
+from pushgraph.adaptation.kinds import Kind
+from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.errors import AdaptationError
-from pushgraph.tensor_file import load_tensors, save_tensors
+from pushgraph.record import Record
+from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tensors
+
+Positive = Annotated[float, Field(gt=0)]
 
 FORMAT = "pushgraph.adaptation"
 VERSION = 2
+
+
+class Learnt(Record):
+    """What the header says of one `Adapted`. key: its tensors' names begin with it. learnt: its unknowns, in words."""
+
+    key: Annotated[str, Field(pattern=r"^(shared|kind \d{1,6}|material \d{1,6})$")]
+    surface: str | None
+    shape: str | None
+    pushes: Annotated[int, Field(ge=0)]
+    learnt: tuple[str, ...]
+    widening: tuple[Positive, Positive]
+    strength: Annotated[float, Field(ge=0, le=1)] | None
+
+    @model_validator(mode="after")
+    def _named(self) -> "Learnt":
+        material, kind = self.key.startswith("material"), self.key.startswith("kind")
+        if (self.surface is not None, self.shape is not None) != (material, material or kind):
+            raise ValueError(f"surface, shape: of {self.key!r}, got {self.surface!r}, {self.shape!r}")
+        if kind and self.shape not in get_args(Kind):
+            raise ValueError(f"shape: of {self.key!r} valid: {', '.join(get_args(Kind))}, got {self.shape!r}")
+        return self
+
+
+class AdaptationHeader(Header):
+    """What the header of an adaptation says. physics: hash of the weights. record: what it was learnt from."""
+
+    format: Literal["pushgraph.adaptation"] = "pushgraph.adaptation"
+    version: Literal[1] = 1
+    physics: str | None
+    record: dict[str, Any]
+    learnt: tuple[Learnt, ...]
+
+    @model_validator(mode="after")
+    def _each_once(self) -> "AdaptationHeader":
+        keys = [one.key for one in self.learnt]
+        named = [(one.key.split()[0], one.surface, one.shape) for one in self.learnt]
+        if len(set(keys)) < len(keys) or len(set(named)) < len(named) or "shared" not in keys:
+            raise ValueError(f"learnt: 'shared' must be there, and each but once, got {', '.join(keys)}")
+        return self
 
 
 def save_adaptation(
@@ -64,6 +108,8 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
     found: dict[str, dict] = {"shared": {}, "kind": {}, "surface": {}, "material": {}}
     for one in header["learnt"]:
         own = {name.split(".")[1]: values for name, values in tensors.items() if name.split(".")[0] == one["key"]}
+        if fault := _fault_of(own, one["strength"] is not None):
+            raise AdaptationError(f"{path}: {one['key']}: {fault}")
         correction = None
         if one["strength"] is not None:
             position, yaw = (
@@ -78,10 +124,30 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
     return Adaptation(found["shared"][None], found["material"], found["kind"], found["surface"])
 
 
+def _fault_of(own: Mapping[str, Tensor], corrected: bool) -> str:
+    """Say what is wrong with the numbers of one `Adapted`; empty if nothing is."""
+    needed = {"mean": (COUNT,), "covariance": (COUNT, COUNT)}
+    for part, values in (("position", 2), ("yaw", 1)) if corrected else ():
+        samples = own.get(f"{part} places", torch.empty(0)).shape[:1].numel()
+        shapes = (samples, FEATURES), (FEATURES + 2,), (samples, values), (samples, samples)
+        needed |= {f"{part} {field}": shape for field, shape in zip(GaussianProcess._fields, shapes, strict=True)}
+    empty = {name: torch.empty(shape, dtype=torch.float64, device="meta") for name, shape in needed.items()}
+    if fault := check_tensors(own, empty):
+        return fault
+    covariance = own["covariance"]
+    if not torch.allclose(covariance, covariance.T) or torch.linalg.eigvalsh(covariance).min() < -1e-9:
+        return "covariance: is none of any numbers"
+    return ""
+
+
 def record_of(path: str | os.PathLike) -> Mapping[str, Any]:
     """What an adaptation was learnt from."""
     return _read(path)[0]["record"]
 
 
 def _read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    return load_tensors(path, "adaptation", FORMAT, VERSION, AdaptationError, "adapt anew")
+    header, tensors = load_tensors(path, "adaptation", AdaptationHeader, AdaptationError, "adapt anew")
+    strangers = {name.split(".")[0] for name in tensors} - {one["key"] for one in header["learnt"]}
+    if strangers:
+        raise AdaptationError(f"{path}: holds numbers of {min(strangers)!r}, of which its header says nothing")
+    return header, tensors

@@ -16,6 +16,7 @@ from pushgraph.errors import AdaptationError
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import wrap_angle
 from pushgraph.real_pushes import RealPushes, read_pushes
+from pushgraph.storage import check_replaceable
 
 LEFT_OUT = 5
 """One of so many pushes is left out for validation."""
@@ -57,6 +58,7 @@ def adapt_from_files(
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Session:
     """Learn from a table of pushes, and write it; goes on with what `out` with `.partial` holds of the same input."""
+    check_replaceable(out)
     pushes = read_pushes(data, outlines)
     if count is not None and count < len(pushes):
         pushes = pushes.take(np.linspace(0, len(pushes) - 1, count).round().astype(int))

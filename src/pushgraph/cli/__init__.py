@@ -77,5 +77,6 @@ def main(arguments: list[str] | None = None) -> None:
             warnings.simplefilter("ignore", AssumptionWarning)
             app(arguments)
     except PushGraphError as error:
-        Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False)
+        message = str(error).encode(errors="backslashreplace").decode()  # names of files need be no text
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]Error:[/] {escape(message)}", highlight=False)
         sys.exit(1)

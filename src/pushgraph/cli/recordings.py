@@ -188,7 +188,7 @@ def track(
     else:
         try:
             recorded = load_scene(scene) if scene else Scene.from_json(sightings.scene, f"{file}: scene")
-            recording = recording_of(sightings, recorded, names, declared, lag, mend)
+            recording = recording_of(sightings, recorded, names, declared, lag, mend, str(file))
         except TrackError as error:
             raise TrackError(f"{file}: {error}") from None
         _print_findings(finding for finding in recording.findings if not finding.grave)

@@ -14,9 +14,10 @@ from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
 from pushgraph.dataset.ragged import RaggedFile, Recipe
 from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.errors import DatasetError
+from pushgraph.json_file import parse, read_text
 from pushgraph.simulation.lever_setup import LEVER_UP, draw_interaction
 from pushgraph.simulation.setups import draw_trajectory, find_setup
-from pushgraph.storage import replacing
+from pushgraph.storage import check_replaceable, replacing
 
 BLOCK = 8
 """Trajectories of a block: what a kill may lose, for each worker."""
@@ -49,6 +50,7 @@ def generate(
         if not least <= value <= most:
             raise DatasetError(f"{name}: must be from {least} to {most}, got {value}")
     out = Path(out)
+    check_replaceable(out)
     recipe = Recipe(setup=setup, objects=objects, seed=seed, first=0, count=count)
     if out.exists():
         _check_finished(out, recipe)
@@ -115,15 +117,15 @@ def _check_recipe(parts: Path, recipe: Recipe) -> None:
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(dataclasses.asdict(recipe), indent=2))
         return
-    try:
-        begun = Recipe(**json.loads(path.read_text()))
-    except (ValueError, TypeError):
-        raise DatasetError(f"{path}: damaged; remove the folder to begin anew") from None
-    differences = recipe.differences(begun)
+    content = parse(read_text(path, "recipe", DatasetError), f"{path}: remove the folder to begin anew", DatasetError)
+    kinds = {name: type(value) for name, value in dataclasses.asdict(recipe).items()}
+    if not isinstance(content, dict) or {name: type(value) for name, value in content.items()} != kinds:
+        raise DatasetError(f"{path}: damaged; remove the folder to begin anew")
+    differences = recipe.differences(Recipe(**content))
     if differences:
         raise DatasetError(
-            f"{parts}: holds the beginning of another dataset ({differences}); run the command it was begun with, "
-            "choose another --out, or remove the folder"
+            f"{path}: the folder holds the beginning of another dataset ({differences}); run the command it was begun "
+            "with, choose another --out, or remove the folder"
         )
 
 

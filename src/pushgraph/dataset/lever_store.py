@@ -15,6 +15,7 @@ import numpy as np
 
 from pushgraph import pose_3d
 from pushgraph.dataset.ragged import Column, Layout, RaggedFile, flat
+from pushgraph.errors import TrackError
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import RAISED, LeverTrack
 from pushgraph.simulation.lever_setup import SIDES, Interaction
@@ -74,9 +75,13 @@ class LeverDataset(RaggedFile):
     def __getitem__(self, index: int) -> LeverTrack:
         """The track of one interaction, its scene checked when it was written."""
         index = self.place(index)
-        scene = self.scene(index)
         poses = self.columns(index, index + 1).poses.astype(np.float64)
-        return LeverTrack(scene, pose_3d.normalized(poses).reshape(-1, 1 + len(scene.bodies), 7))
+        with self.naming(index):
+            scene = LeverScene.from_json(self.scene_text(index), "scene", trusted=True)
+            nodes = 1 + len(scene.bodies)
+            if len(poses) % nodes:
+                raise TrackError(f"{len(poses)} rows of poses are no frames of {nodes} nodes")
+            return LeverTrack(scene, pose_3d.normalized(poses).reshape(-1, nodes, 7))
 
     def scene(self, index: int) -> LeverScene:
         """The scene of one interaction, with the path of its tool."""
@@ -85,7 +90,8 @@ class LeverDataset(RaggedFile):
     @property
     def side(self) -> np.ndarray:
         """From which side each board is levered."""
-        return self.entries["side"].astype(str)
+        with self._reading():
+            return self.entries["side"].astype(str)
 
 
 def summarize(interaction: Interaction) -> np.ndarray:

@@ -12,8 +12,11 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import h5py
 import numpy as np
 
-from pushgraph.errors import DatasetError
-from pushgraph.storage import replacing_hdf5
+from pushgraph.checksum import is_intact
+from pushgraph.errors import DatasetError, SceneError, TrackError
+from pushgraph.isolation import read_isolated
+from pushgraph.storage import replacing_hdf5, size_of
+from pushgraph.stored_array import read_through, stored, stored_here
 from pushgraph.track_frames import FRAME
 
 ROWS_PER_CHUNK = 16384
@@ -88,11 +91,15 @@ class RaggedFile:
     """What consecutive trajectories are handed over in: a class with the layout's columns and offsets as fields."""
 
     def __init__(self, path: str | os.PathLike) -> None:
-        self.path = Path(path)
+        self.path, valid = Path(path), self.layout
         with self._reading():
+            intact = is_intact(self.path) if size_of(self.path) else None
+            if intact is False:
+                raise TrackError("the file is damaged, its bytes are not those that were saved")
+            if intact is None:
+                read_isolated(read_through, self.path, valid.format, *valid.columns, *valid.measured_by)
             self._file = h5py.File(path, "r")
             attributes = dict(self._file.attrs)
-        valid = self.layout
         if str(attributes.get("format")) != valid.format:
             raise DatasetError(f"{path}: not a dataset: attribute 'format' must be {valid.format!r}")
         if str(attributes.get("version")) != str(valid.version):
@@ -100,14 +107,33 @@ class RaggedFile:
                 f"{path}: dataset version {attributes.get('version')}; this pushgraph reads {valid.version}"
             )
         with self._reading():
-            self.recipe = Recipe(**{name: _plain(attributes[name]) for name in Recipe.names()})
-            self.offsets: dict[str, np.ndarray] = {name: self._file[name][()] for name in valid.measured_by}
+            self.recipe = _recipe_in(attributes)
+            self.offsets: dict[str, np.ndarray] = {name: stored(self._file, name) for name in valid.measured_by}
+            for name in (*valid.measured_by, *valid.columns):
+                self._check_column(name)
             self.entries: dict[str, np.ndarray] = {
                 name: self._file[name][()]
                 for name, column in valid.columns.items()
                 if column.offset is None and name != "scenes"
             }
             self.summary: np.ndarray = self.entries["summary"]
+
+    def _check_column(self, name: str) -> None:
+        """Raise TrackError if an array has another type or length than the layout and the offsets say."""
+        array, count = stored_here(self._file, name), self.recipe.count
+        if name in self.offsets:
+            offset = self.offsets[name]
+            if array.dtype != np.int64 or array.shape != (count + 1,):
+                raise TrackError(f"{name}: must be int64 of shape {(count + 1,)}, got {array.dtype} of {array.shape}")
+            if offset[0] != 0 or (np.diff(offset) < 1).any():
+                raise TrackError(f"{name}: must rise from 0 on")
+            return
+        column = self.layout.columns[name]
+        rows = count if column.offset is None else int(self.offsets[column.offset][-1])
+        shape = (rows,) if column.width is None else (rows, column.width)
+        alike = h5py.check_string_dtype(array.dtype) == h5py.check_string_dtype(np.dtype(column.dtype))
+        if array.dtype != column.dtype or not alike or array.shape != shape:
+            raise TrackError(f"{name}: must be {column.dtype} of {shape}, got {array.dtype} of {array.shape}")
 
     def __enter__(self: "Opened") -> "Opened":
         return self
@@ -141,6 +167,14 @@ class RaggedFile:
             raise IndexError(f"trajectory {index} of {len(self)}")
         return index % len(self)
 
+    @contextlib.contextmanager
+    def naming(self, index: int) -> Iterator[None]:
+        """Errors of one trajectory become DatasetError, which names the file and the trajectory."""
+        try:
+            yield
+        except (TrackError, SceneError) as error:
+            raise DatasetError(f"{self.path}: trajectory {index}: {error}") from None
+
     def scene_text(self, index: int) -> bytes:
         """The scene of one trajectory, as JSON."""
         with self._reading():
@@ -163,7 +197,7 @@ class RaggedFile:
         if lengths is None:
             stretches = list(stretches)
             lengths = {name: sum(int(getattr(one, name)[-1]) for one in stretches) for name in layout.measured_by}
-        with replacing_hdf5(path) as file:
+        with replacing_hdf5(path, checksum=True) as file:
             file.attrs.update(format=layout.format, version=layout.version, frame_s=FRAME, **dataclasses.asdict(recipe))
             stored = {
                 name: _create(file, name, column, recipe.count if column.offset is None else lengths[column.offset])
@@ -191,6 +225,8 @@ class RaggedFile:
             yield
         except FileNotFoundError:
             raise DatasetError(f"{self.path}: no such dataset") from None
+        except TrackError as error:
+            raise DatasetError(f"{self.path}: cannot be read: {error}") from None
         except (OSError, KeyError, RuntimeError, AttributeError, TypeError, ValueError) as error:
             raise DatasetError(f"{self.path}: cannot be read, it may be truncated or damaged: {error}") from None
 
@@ -203,5 +239,20 @@ def _create(file: h5py.File, name: str, column: Column, length: int) -> h5py.Dat
     return file.create_dataset(name, shape, column.dtype, **_STORED | chunks)
 
 
-def _plain(value: Any) -> Any:
-    return int(value) if isinstance(value, np.integer) else value
+def _recipe_in(attributes: Mapping[str, Any]) -> Recipe:
+    """The recipe that stands in a file's attributes; raises TrackError if it is none."""
+    found: dict[str, Any] = {}
+    for name in Recipe.names():
+        value = attributes.get(name)
+        if name in ("setup", "versions"):
+            if not isinstance(value, str):
+                raise TrackError(f"attribute {name!r}: must be text, got {value!r}")
+            found[name] = value
+        else:
+            least = int(name in ("objects", "count"))
+            if not isinstance(value, np.integer) or value < least:
+                raise TrackError(f"attribute {name!r}: must be a whole number from {least} on, got {value!r}")
+            found[name] = int(value)
+    if str(attributes.get("frame_s")) != str(FRAME):
+        raise TrackError(f"attribute 'frame_s': must be {FRAME}, got {attributes.get('frame_s')!r}")
+    return Recipe(**found)

@@ -20,6 +20,7 @@ import numpy as np
 
 from pushgraph.dataset.ragged import Column, Layout, RaggedFile, flat
 from pushgraph.dataset.summary import COLUMNS, summarize
+from pushgraph.errors import DatasetError
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import Trajectory
 from pushgraph.track import FRAME, Track
@@ -77,8 +78,11 @@ class Dataset(RaggedFile):
     def __init__(self, path: str | os.PathLike) -> None:
         super().__init__(path)
         self.pose_offset, self.frame_offset = self.offsets["pose_offset"], self.offsets["frame_offset"]
-        self.density: np.ndarray = self.entries["density"].astype(str)
-        self.kind: np.ndarray = self.entries["kind"].astype(str)
+        with self._reading():
+            self.density: np.ndarray = self.entries["density"].astype(str)
+            self.kind: np.ndarray = self.entries["kind"].astype(str)
+        if (np.diff(self.pose_offset) % np.diff(self.frame_offset)).any():
+            raise DatasetError(f"{path}: pose_offset: must rise by a row a node and frame, see frame_offset")
 
     def __getitem__(self, index: int) -> Track:
         """The track of one trajectory, its scene checked when it was written."""
@@ -86,15 +90,17 @@ class Dataset(RaggedFile):
         stretch = self.columns(index, index + 1)
         scene = self.scene(index)
         poses = stretch.poses.astype(np.float64).reshape(len(stretch.push), -1, 3)
-        return Track(
-            scene=scene,
-            times=np.arange(len(poses)) * FRAME,
-            poses=poses,
-            push=stretch.push.astype(np.int64),
-            seen=np.ones(poses.shape[:2], dtype=bool),
-            wrench=stretch.wrench.astype(np.float64),
-        )
+        with self.naming(index):
+            return Track(
+                scene=scene,
+                times=np.arange(len(poses)) * FRAME,
+                poses=poses,
+                push=stretch.push.astype(np.int64),
+                seen=np.ones(poses.shape[:2], dtype=bool),
+                wrench=stretch.wrench.astype(np.float64),
+            )
 
     def scene(self, index: int) -> Scene:
         """The scene of one trajectory, with its pushes."""
-        return Scene.from_json(self.scene_text(index), f"{self.path}: scene {index}", trusted=True)
+        with self.naming(index):
+            return Scene.from_json(self.scene_text(index), "scene", trusted=True)

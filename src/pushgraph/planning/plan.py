@@ -3,19 +3,40 @@
 import json
 import os
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import model_validator
 
-from pushgraph.errors import PlanningError, PushGraphError
+from pushgraph.errors import PlanningError
+from pushgraph.json_file import check_seal, parse_object, read_text, save_sealed, validated
+from pushgraph.record import Record
 from pushgraph.scene import Scene
 from pushgraph.spread import Ellipse
-from pushgraph.storage import replacing
 from pushgraph.tool import Push
 from pushgraph.track import Track
 
 FORMAT, VERSION = "pushgraph.plan", 1
+
+
+class PlanFile(Record):
+    """What stands in plan.json."""
+
+    format: Literal["pushgraph.plan"]
+    version: Literal[1]
+    tool: str
+    cost: float
+    expected_end: dict[str, tuple[float, float, float]]
+    """pose_world_from_body of every body of the scene, in its order."""
+    scene: Scene
+    checksum: str | None = None
+
+    @model_validator(mode="after")
+    def _about_the_scene(self) -> "PlanFile":
+        if tuple(self.expected_end) != self.scene.names:
+            raise ValueError(f"expected_end: must be of the bodies {', '.join(self.scene.names)}, in this order")
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +81,15 @@ class Plan:
             },
             "scene": json.loads(self.scene.to_json()),
         }
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=2) + "\n")
+        save_sealed(path, content, indent=2)
 
 
 def load_plan(path: str | os.PathLike) -> tuple[str, Scene]:
     """The tool's name, and the scene with tool and pushes, of a plan that was saved; raises PlanningError."""
-    try:
-        content = json.loads(Path(path).read_bytes())
-    except (OSError, ValueError) as error:
-        raise PlanningError(f"{path}: cannot read this plan, the file may be truncated: {error}") from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT or content.get("version") != VERSION:
+    text = read_text(path, "plan", PlanningError)
+    content = parse_object(text, str(path), "plan", PlanningError)
+    if content.get("format") != FORMAT or content.get("version") != VERSION:
         raise PlanningError(f'{path}: not a plan: needs "format": "{FORMAT}", "version": {VERSION}')
-    try:
-        return str(content["tool"]), Scene.from_json(json.dumps(content["scene"]), f"{path}: scene")
-    except (KeyError, PushGraphError) as error:
-        raise PlanningError(f"{path}: this plan is damaged: {error}") from None
+    check_seal(content, str(path), PlanningError)
+    plan = validated(PlanFile, text, str(path), PlanningError)
+    return plan.tool, plan.scene

@@ -6,10 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-from pydantic import ValidationError
-
 from pushgraph.errors import PlanningError
-from pushgraph.record import explain
+from pushgraph.json_file import parse_object, read_text, validated
 from pushgraph.tool import Tool
 
 _SHIPPED = Path(str(files("pushgraph"))) / "tools"
@@ -30,16 +28,13 @@ def load_tool(name: str | os.PathLike) -> NamedTool:
     Raises PlanningError if it is neither.
     """
     path = _SHIPPED / f"{name}.json" if str(name) in TOOLS else Path(name)
-    try:
-        text = path.read_bytes()
-    except OSError as error:
+    if not path.exists():
         raise PlanningError(
-            f"{name}: no tool: neither a file that can be read ({error.strerror}) nor one of {', '.join(TOOLS)}"
-        ) from None
-    try:
-        return NamedTool(path.stem, Tool.model_validate_json(text, strict=True))
-    except ValidationError as error:
-        raise PlanningError(explain(error, str(path), None)) from None
+            f"{name}: no tool: neither a file that can be read (there is none) nor one of {', '.join(TOOLS)}"
+        )
+    text = read_text(path, "tool", PlanningError)
+    parse_object(text, str(path), "tool", PlanningError)
+    return NamedTool(path.stem, validated(Tool, text, str(path), PlanningError))
 
 
 def load_tools(names: str | Sequence[str | os.PathLike]) -> list[NamedTool]:

@@ -49,7 +49,7 @@ def read_sightings(path: Path, options: ReadOptions = DEFAULTS) -> Sightings:
 def save_sightings(sightings: Sightings, path: Path) -> None:
     """Write sightings in m, rad and s, as HDF5 or CSV by the file's name; `read_sightings` reads both."""
     if path.suffix.lower() in (".h5", ".hdf5"):
-        with replacing_hdf5(path) as file:
+        with replacing_hdf5(path, checksum=True) as file:
             file.attrs.update(format=SIGHTINGS, version=1)
             file.create_dataset("nodes", data=list(sightings.names), dtype=h5py.string_dtype())
             for name in COLUMNS:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,18 +36,19 @@ class Recording:
     """What was read.
 
     track: every node where it could be believed, at the recording's own times. findings: what is doubtful. lag: by how
-    much (s) the robot's times were shifted.
+    much (s) the robot's times were shifted. source: the file, where it is of one.
     """
 
     track: Track
     findings: tuple[Finding, ...]
     lag: float = 0.0
+    source: str = "this recording"
 
     def believed(self) -> Track:
         """The track; raises TrackError with every grave finding if there is one."""
         grave = [str(finding) for finding in self.findings if finding.grave]
         if grave:
-            raise TrackError("this recording cannot be believed as it is:\n" + "\n".join(f"- {one}" for one in grave))
+            raise TrackError(f"{self.source}: cannot be believed as it is:\n" + "\n".join(f"- {one}" for one in grave))
         return self.track
 
     @property
@@ -82,15 +83,28 @@ def read_recording(
     """
     sightings = read_sightings(Path(path), options)
     try:
-        return recording_of(sightings, scene, names or {}, declared, lag, mend)
+        return recording_of(sightings, scene, names or {}, declared, lag, mend, str(path))
     except TrackError as error:
         raise TrackError(f"{path}: {error}") from None
 
 
 def recording_of(
-    sightings: Sightings, scene: Scene, names: Mapping[str, str], declared: Declared, lag: float | None, mend: bool
+    sightings: Sightings,
+    scene: Scene,
+    names: Mapping[str, str],
+    declared: Declared,
+    lag: float | None,
+    mend: bool,
+    source: str = "this recording",
 ) -> Recording:
     """From sightings to a recording; see `read_recording`."""
+    found = _recording_of(sightings, scene, names, declared, lag, mend)
+    return replace(found, source=source)
+
+
+def _recording_of(
+    sightings: Sightings, scene: Scene, names: Mapping[str, str], declared: Declared, lag: float | None, mend: bool
+) -> Recording:
     nodes = (ROBOT, *scene.names)
     matched = match_names(sightings.names, nodes, names)
     convention = Convention.of(sightings.declared.overruled_by(declared))

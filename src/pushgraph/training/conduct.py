@@ -16,6 +16,7 @@ from pushgraph.dataset.store import Dataset
 from pushgraph.errors import PushGraphError, TrainingError
 from pushgraph.network.registry import build_network
 from pushgraph.simulation.setups import FIRST_TEST_SEED
+from pushgraph.storage import check_replaceable
 from pushgraph.training.loop import Schedule, Task, train
 from pushgraph.training.processes import Processes
 from pushgraph.training.recipe import Training
@@ -39,6 +40,7 @@ def conduct(
 
     Under torchrun every process calls this; all but the leading one return None.
     """
+    check_replaceable(out)
     place = torch.device(device)
     processes = Processes.join(place)
     running = RunningCheckpoint(training.folder(cache), dataclasses.asdict(training) | {"processes": processes.count})

@@ -2,23 +2,25 @@
 
 import contextlib
 import fcntl
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
+from pydantic import Field
 from torch import Tensor, nn
 
 from pushgraph.errors import TrainingError
-from pushgraph.storage import replacing
+from pushgraph.record import Record
+from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tensors
 
 PATIENCE = 20.0
 """Seconds to wait for a killed training's other processes to end."""
+
+
+REMEDY = "remove it to begin anew"
 
 
 @dataclass
@@ -29,6 +31,24 @@ class Progress:
     seconds: float = 0.0
     curve: list[dict[str, int | float]] = field(default_factory=list)
     best: float = float("inf")
+
+
+class ProgressEntry(Record):
+    """See `Progress`."""
+
+    step: Annotated[int, Field(ge=0)]
+    seconds: Annotated[float, Field(ge=0)]
+    curve: list[dict[str, int | float]]
+    best: float
+
+
+class StateHeader(Header):
+    """What the header of a training's state says."""
+
+    format: Literal["pushgraph.training"] = "pushgraph.training"
+    version: Literal[1] = 1
+    recipe: dict[str, Any]
+    progress: ProgressEntry
 
 
 class RunningCheckpoint:
@@ -62,10 +82,9 @@ class RunningCheckpoint:
         tensors |= {f"best.{name}": values for name, values in best.items()}
         for index, state in optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer.{index}.{name}": values for name, values in state.items()}
-        header = {"recipe": self._recipe, "progress": vars(now)}
-        tensors = {name: values.detach().cpu().contiguous() for name, values in tensors.items()}
-        with replacing(self._path) as temporary:
-            temporary.write_bytes(save(tensors, {"pushgraph": json.dumps(header)}))
+        fields = {name: StateHeader.model_fields[name].default for name in ("format", "version")}
+        header = fields | {"recipe": self._recipe, "progress": vars(now)}
+        save_tensors(self._path, header, {name: values.detach().cpu().contiguous() for name, values in tensors.items()})
 
     def load(self, network: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[Progress, dict[str, Tensor]]:
         """Restore network and optimizer; returns how far it was and the best weights. At the beginning: nothing.
@@ -75,11 +94,9 @@ class RunningCheckpoint:
         if not self._path.exists():
             return Progress(), {name: values.clone() for name, values in network.state_dict().items()}
         try:
-            with safe_open(self._path, "pt") as file:
-                header = json.loads(file.metadata()["pushgraph"])
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-        except (OSError, SafetensorError, ValueError, KeyError) as error:
-            raise TrainingError(f"{self._path}: cannot be read ({error}); remove it to begin anew") from None
+            header, tensors = load_tensors(self._path, "training", StateHeader, TrainingError, REMEDY)
+        except TrainingError as error:
+            raise TrainingError(f"{error}; {REMEDY}") from None
         changed = [name for name, value in self._recipe.items() if header["recipe"].get(name) != value]
         if changed or set(header["recipe"]) != set(self._recipe):
             raise TrainingError(f"{self._path}: a training with other settings ({', '.join(changed)}); remove it")
@@ -87,6 +104,12 @@ class RunningCheckpoint:
         def part(prefix: str) -> dict[str, Tensor]:
             return {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}
 
+        weights = network.state_dict()
+        needed = {f"{prefix}.{name}": values for prefix in ("network", "best") for name, values in weights.items()}
+        kept = {name.split(".")[1] for name in tensors if name.startswith("optimizer.")}
+        needed |= {f"optimizer.{index}.{name}": moment for index, name, moment in _moments(optimizer) if index in kept}
+        if fault := check_tensors(tensors, needed):
+            raise TrainingError(f"{self._path}: does not fit its network: {fault}; {REMEDY}")
         network.load_state_dict(part("network."))
         state: dict[int, dict[str, Tensor]] = {}
         for name, values in part("optimizer.").items():
@@ -94,3 +117,12 @@ class RunningCheckpoint:
             state.setdefault(int(index), {})[key] = values
         optimizer.load_state_dict(optimizer.state_dict() | {"state": state})
         return Progress(**header["progress"]), part("best.")
+
+
+def _moments(optimizer: torch.optim.Optimizer) -> Iterator[tuple[str, str, Tensor]]:
+    """What AdamW keeps of each parameter that it moved, by index and name; of such a type and shape."""
+    parameters = [(values, group["amsgrad"]) for group in optimizer.param_groups for values in group["params"]]
+    for index, (values, amsgrad) in enumerate(parameters):
+        for name in ("exp_avg", "exp_avg_sq", *["max_exp_avg_sq"] * amsgrad):
+            yield str(index), name, values
+        yield str(index), "step", torch.empty((), device="meta")

@@ -21,6 +21,7 @@ from pushgraph.recording.readers.wide_table import (
 )
 from pushgraph.recording.sightings import NO_PUSH, Declared, ReadOptions, Sightings, SightingsBuilder
 from pushgraph.wrench import COMPONENTS, NO_READING, UNITS
+from pushgraph.written_number import number
 
 COLUMNS = {
     **COORDINATES,
@@ -55,7 +56,7 @@ class _Table:
 
     def __init__(self, lines: Iterator[str], options: ReadOptions) -> None:
         self._options, self._declared = options, Declared()
-        header = ""
+        header, self._skipped = "", 0
         for self._skipped, header in enumerate(lines, start=1):
             comment = header.strip().strip('"').strip(",;")
             if comment.startswith("#"):
@@ -65,6 +66,9 @@ class _Table:
         self._delimiter = max(",;\t", key=header.count)
         self._rows = csv.reader(chain([header], lines), delimiter=self._delimiter)
         self._columns = [self._column(name) for name in next(self._rows, [])]
+        named = [name.lower() for name in self._columns if name]
+        if twice := [name for name in named if named.count(name) > 1]:
+            raise TrackError(f"line {self._skipped}: two columns are called {twice[0]!r}")
         self._wrench = columns_of_wrench(self._columns)
 
     def read(self) -> Sightings:
@@ -111,7 +115,7 @@ class _Table:
             line = self._skipped - 1 + self._rows.line_num
             if not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#"):
                 continue
-            if len(row) < len(self._columns):
+            if len(row) < len(self._columns) or any(cell.strip() for cell in row[len(self._columns) :]):
                 raise TrackError(f"line {line}: {len(self._columns)} columns are needed, got {len(row)}")
             yield line, row
 
@@ -162,7 +166,7 @@ class _Table:
         if text.lower() in LOST:
             return np.nan
         try:
-            value = float(text.replace(",", ".") if self._delimiter != "," else text)
+            value = number(text.replace(",", ".") if self._delimiter != "," else text)
         except ValueError:
             raise TrackError(
                 f"line {line}: {column}: must be a number, got {text[:40]!r}; leave x, y, yaw empty if lost"
@@ -175,7 +179,7 @@ class _Table:
             text = row[places["push"]].strip()
             if text.lower() in LOST:
                 return NO_PUSH
-            if not re.fullmatch(r"-?\d{1,6}(\.0*)?", text):
+            if not re.fullmatch(r"-?[0-9]{1,6}(\.0*)?", text):
                 raise TrackError(f"line {line}: push: must be a whole number, got {text[:40]!r}")
             return max(int(float(text)), -1)
         if "down" in places:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pushgraph.errors import TrackError
 from pushgraph.recording.sightings import COLUMNS, NO_PUSH, ReadOptions, Sightings
-from pushgraph.stored_array import stored
+from pushgraph.stored_array import stored, stored_names
 from pushgraph.track_hdf5 import FORMAT as TRACK
 from pushgraph.wrench import COMPONENTS
 
@@ -24,7 +24,7 @@ def read_hdf5(path: Path, options: ReadOptions) -> Sightings:
             raise TrackError(f"attribute 'format' must be {TRACK!r} or {SIGHTINGS!r}")
         if str(file.attrs.get("version")) != "1":
             raise TrackError(f"version {file.attrs.get('version')} of {kind}; this pushgraph reads 1")
-        names = tuple(_text(name) for name in stored(file, "nodes").ravel().tolist())
+        names = tuple(stored_names(file, "nodes"))
         return _of_track(file, names) if kind == TRACK else _of_sightings(file, names)
 
 
@@ -61,9 +61,3 @@ def _of_sightings(file: h5py.File, names: tuple[str, ...]) -> Sightings:
     if ((columns["node"] < 0) | (columns["node"] >= len(names))).any():
         raise TrackError(f"node: must be 0 to {len(names) - 1}")
     return replace(Sightings(names, **columns), push=np.maximum(columns["push"], NO_PUSH))
-
-
-def _text(name: object) -> str:
-    if not isinstance(name, bytes):
-        raise TrackError(f"nodes: must be names, got {name!r}")
-    return name.decode()

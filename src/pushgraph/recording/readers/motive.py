@@ -9,6 +9,7 @@ import numpy as np
 
 from pushgraph.errors import TrackError
 from pushgraph.recording.sightings import Declared, ReadOptions, Sightings, SightingsBuilder, planar
+from pushgraph.written_number import number
 
 UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
 
@@ -89,6 +90,6 @@ def _read_rows(rows: Any, header: _Header, options: ReadOptions) -> Sightings:
 def _number(row: Sequence[str], index: int, where: str) -> float:
     text = row[index].strip() if index < len(row) else ""
     try:
-        return float(text or "nan")
+        return number(text or "nan")
     except ValueError:
         raise TrackError(f"{where}: column {index + 1}: must be a number, got {text[:40]!r}") from None

@@ -8,6 +8,7 @@ end-effector left out. A frame is 0.05 s.
 
 import json
 import math
+from codecs import BOM_UTF8
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,16 +18,20 @@ from jaxtyping import Float
 
 from pushgraph.body import ROBOT, Body, Joint, JointKind
 from pushgraph.errors import SceneError, TrackError
+from pushgraph.json_file import MOST_BYTES, parse
 from pushgraph.parting import parted
 from pushgraph.recording.sightings import ReadOptions, Sightings, SightingsBuilder
 from pushgraph.scene import Scene, Table
 from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Cuboid, Cylinder
+from pushgraph.storage import read_plain
 from pushgraph.tool import Part, Tool
 from pushgraph.track import FRAME
 
 JOINTS: dict[int, JointKind] = {1: "fixed", 2: "prismatic", 3: "revolute"}
 KINDS = {0: "cylinder", 1: "cuboid"}
+MOST = 10**15
+"""Whole numbers are smaller."""
 DEEPEST = 0.02
 """Bodies that first overlap by more than noise explains (m) have other sizes than the file says."""
 
@@ -42,14 +47,18 @@ def read_paper_json(path: Path, options: ReadOptions) -> Sightings:
     Cylinders whose yaw never changes count as without yaw. A pose with null or NaN was not seen.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise TrackError(f"no whole JSON, the file may be truncated: {error}") from None
+        text = read_plain(path, MOST_BYTES).removeprefix(BOM_UTF8)
+    except OSError as error:
+        raise TrackError(f"cannot be read: {error.strerror}") from None
+    content = parse(text, "as a push of the paper", TrackError)
     if not isinstance(content, dict):
         raise TrackError("must be a JSON object")
     missing = [key for key in ("0", "1", "shapes", "edges") if key not in content]
     if missing:
         raise TrackError(f"no key {missing[0]!r}; the paper's recordings have '0' to 'n', 'shapes' and 'edges'")
+    unknown = [key for key in content if not (key.isascii() and key.isdecimal()) and key not in ("shapes", "edges")]
+    if unknown:
+        raise TrackError(f"key {unknown[0]!r}: unknown; the paper's recordings have '0' to 'n', 'shapes' and 'edges'")
     nodes = sorted((key for key in content if key.isdecimal()), key=int)
     if nodes != [str(k) for k in range(len(nodes))]:
         raise TrackError(f"keys {', '.join(nodes)}: must be 0 to {len(nodes) - 1}, each once")
@@ -92,8 +101,9 @@ def _rows(rows: Any, key: str, length: int, lost: bool = False) -> Float[np.ndar
         if not isinstance(row, list) or len(row) != length:
             raise TrackError(f"key {key!r}: row {index}: must be {length} numbers, got {str(row)[:60]}")
         for column, value in enumerate(row):
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (lost and value is None) and not (number and (lost or math.isfinite(value))):
+            number = isinstance(value, float) or (type(value) is int and abs(value) < MOST)
+            unseen = lost and (value is None or (number and math.isnan(value)))
+            if not unseen and not (number and math.isfinite(value)):
                 raise TrackError(f"key {key!r}: row {index}, column {column}: must be a number, got {str(value)[:60]}")
     return np.array(rows, dtype=float).reshape(-1, length)
 
