@@ -19,7 +19,7 @@ from pushgraph.adaptation.adapted import Adaptation, Adapted
 from pushgraph.adaptation.correction import Correction
 from pushgraph.adaptation.files import load_adaptation, save_adaptation
 from pushgraph.adaptation.gaussian_process import GaussianProcess
-from pushgraph.adaptation.unknowns import Estimate
+from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.checkpoint import KINDS as NETWORKS
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
@@ -141,9 +141,9 @@ def make_adaptation(folder: Path) -> list[Path]:
     correction = Correction(
         process(torch.from_numpy(rng.normal(size=(5, 2)))), process(torch.from_numpy(rng.normal(size=(5, 1)))), 0.5
     )
-    own = Adapted(Estimate(rng.normal(size=6), np.eye(6) * 0.3), correction, (1.0, 1.5), 12)
+    own = Adapted(Estimate(rng.normal(size=COUNT), np.eye(COUNT) * 0.3), correction, (1.0, 1.5), 12)
     plain = Adapted(Estimate.prior(), None, (1.0, 1.0), 3)
-    adaptation = Adaptation(plain, {("abs", "box"): own}, {"round": plain})
+    adaptation = Adaptation(plain, {("abs", "box"): own}, {("abs", "round"): plain}, {"abs": plain})
     save_adaptation(adaptation, folder / "adaptation.safetensors", "hash", {"pushes": 15})
     return [folder / "adaptation.safetensors"]
 

@@ -17,17 +17,20 @@ from pushgraph.adaptation.online import PushLearner
 from pushgraph.adaptation.prediction import contact_points, predicted_motion
 from pushgraph.adaptation.pressure import corners_of, feet, support
 from pushgraph.adaptation.probe_offset import from_starts
+from pushgraph.adaptation.recorded import pushes_of_tracks
 from pushgraph.adaptation.scenes import scene_of
+from pushgraph.adaptation.session import adapt_recorded
 from pushgraph.adaptation.unknowns import PROBE, Estimate, Unknowns
 from pushgraph.body import Body
 from pushgraph.errors import AdaptationError
-from pushgraph.network.dynamics import Dynamics
+from pushgraph.network.contract import Dynamics
 from pushgraph.outline import centroid
 from pushgraph.patch import patch_of
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.real_pushes import RealPushes, read_pushes
+from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Cylinder, Polygon
-from pushgraph.tool import Push
+from pushgraph.tool import Push, Tool
 
 SHAPES = (Cylinder(diameter=0.1), Cuboid(size=(0.12, 0.06)), Polygon(points=((0, 0), (0.12, 0), (0, 0.09))))
 
@@ -273,3 +276,47 @@ def test_unseen_shapes_are_predicted_by_what_outlines_of_their_kind_have_in_comm
     with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):
         body = scene.bodies[0].replace(name="cup")
         learnt.apply_to(scene.replace(bodies=(body,)), "abs")
+
+
+def test_tracks_of_single_bodies_are_pushes_to_learn_from(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(3, "box")))
+    tracks = {f"{k}.h5": PhysicsPredictor.load().predict(scene_of(pushes, k)) for k in range(3)}
+    found = pushes_of_tracks(tracks, "bench")
+    assert found.materials == [("bench", "box")]
+    assert found.probe_radius == pytest.approx(pushes.probe_radius)
+    for k, track in enumerate(tracks.values()):
+        np.testing.assert_allclose(found.before[k], track.poses[0, 1])
+        np.testing.assert_allclose(found.after[k], track.poses[-1, 1], atol=1e-4)
+        np.testing.assert_allclose(found.probe_end[k], track.scene.pushes[0].waypoints[-1, :2], atol=1e-4)
+        assert found.speed[k] == pytest.approx(track.scene.pushes[0].speed, rel=0.2)
+    two = Scene(
+        bodies=tuple(
+            Body(name=name, shape=Cuboid(size=(0.05, 0.05)), pose_world_from_body=(x, 0.0, 0.0), mass=0.5)
+            for name, x in (("a", 0.0), ("b", 0.06))
+        ),
+        tool=Tool.round(0.0095),
+        pushes=(Push(start=(-0.06, 0.0), end=(0.03, 0.0)),),
+    ).with_nominal_values()
+    with pytest.raises(AdaptationError, match="no push to learn from.*several bodies moved: 1"):
+        pushes_of_tracks({"two.h5": PhysicsPredictor.load().predict(two)}, "bench")
+
+
+def test_an_interrupted_adaptation_goes_on_with_what_was_learnt(tmp_path: Path) -> None:
+    pushes = read_pushes(*made(tmp_path, {"box": 15, "disc": 15}, Unknowns(0.1)))
+    whole = adapt_recorded(pushes, "made", tmp_path / "whole.safetensors")
+    calls = []
+
+    def killed(what: str, done: int, total: int) -> None:
+        calls.append(what)
+        if (what, done) == ("learnt", 2):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        adapt_recorded(pushes, "made", tmp_path / "again.safetensors", progress=killed)
+    assert (tmp_path / "again.partial.safetensors").is_file()
+    again = adapt_recorded(pushes, "made", tmp_path / "again.safetensors", progress=lambda what, *_: calls.append(what))
+    assert calls.count("validated") == 3  # of the first run alone
+    assert again.validation == whole.validation
+    for name, own in whole.adaptation.materials.items():
+        np.testing.assert_array_equal(own.estimate.mean, again.adaptation.materials[name].estimate.mean)
+    assert not list(tmp_path.glob("*.partial*"))

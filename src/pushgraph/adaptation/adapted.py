@@ -127,10 +127,13 @@ def adapt(
     dynamics: Dynamics,
     pushes: RealPushes,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    begun: Adaptation | None = None,
+    keep: Callable[[Adaptation], None] = lambda learnt: None,
 ) -> Adaptation:
     """Learn from recorded pushes: what outlines have in common, then each object on each surface by itself.
 
-    Raises AdaptationError if there are too few pushes to learn from.
+    begun: what an adaptation to the same pushes that was interrupted handed to `keep`, which takes what is learnt so
+    far after every object on a surface. Raises AdaptationError if there are too few pushes to learn from.
     """
     if len(pushes) < FEWEST:
         raise AdaptationError(f"{len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
@@ -139,16 +142,17 @@ def adapt(
     if len(materials) == 1:
         own = _learnt(dynamics, pushes, from_starts(pushes, Estimate.prior()))
         return Adaptation(own, {materials[0]: own})
-    general = adapt_to_all(dynamics, pushes)
+    learnt = begun or adapt_to_all(dynamics, pushes)
     progress(1, total)
-    found: dict[Material, Adapted] = {}
     for number, (surface, shape) in enumerate(materials, start=2):
         of_material = pushes.take(pushes.of(surface, shape))
-        if len(of_material) >= FEWEST:
-            prior = general.of(surface, shape, pushes.shapes[shape]).estimate
-            found[surface, shape] = _learnt(dynamics, of_material, prior)
+        if len(of_material) >= FEWEST and (surface, shape) not in learnt.materials:
+            prior = replace(learnt, materials={}).of(surface, shape, pushes.shapes[shape]).estimate
+            own = _learnt(dynamics, of_material, prior)
+            learnt = replace(learnt, materials={**learnt.materials, (surface, shape): own})
+            keep(learnt)
         progress(number, total)
-    return replace(general, materials=found)
+    return learnt
 
 
 def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:

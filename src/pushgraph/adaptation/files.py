@@ -26,7 +26,7 @@ VERSION = 2
 class Learnt(Record):
     """What the header says of one `Adapted`. key: its tensors' names begin with it. learnt: its unknowns, in words."""
 
-    key: Annotated[str, Field(pattern=r"^(shared|kind \d{1,6}|material \d{1,6})$")]
+    key: Annotated[str, Field(pattern=r"^(shared|(kind|surface|material) \d{1,6})$")]
     surface: str | None
     shape: str | None
     pushes: Annotated[int, Field(ge=0)]
@@ -36,10 +36,10 @@ class Learnt(Record):
 
     @model_validator(mode="after")
     def _named(self) -> "Learnt":
-        material, kind = self.key.startswith("material"), self.key.startswith("kind")
-        if (self.surface is not None, self.shape is not None) != (material, material or kind):
+        what = self.key.split()[0]
+        if (self.surface is not None, self.shape is not None) != (what != "shared", what in ("kind", "material")):
             raise ValueError(f"surface, shape: of {self.key!r}, got {self.surface!r}, {self.shape!r}")
-        if kind and self.shape not in get_args(Kind):
+        if what == "kind" and self.shape not in get_args(Kind):
             raise ValueError(f"shape: of {self.key!r} valid: {', '.join(get_args(Kind))}, got {self.shape!r}")
         return self
 
@@ -48,7 +48,7 @@ class AdaptationHeader(Header):
     """What the header of an adaptation says. physics: hash of the weights. record: what it was learnt from."""
 
     format: Literal["pushgraph.adaptation"] = "pushgraph.adaptation"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     physics: str | None
     record: dict[str, Any]
     learnt: tuple[Learnt, ...]

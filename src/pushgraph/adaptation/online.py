@@ -52,7 +52,7 @@ class PushLearner:
             probe_start=waypoints[:1, :2],
             probe_end=waypoints[1:, :2],
             stated={},
-            probe_radius=_radius(scene.tool),
+            probe_radius=tool_radius(scene.tool),
         )
         known = self.estimates.get(body, Estimate.prior())
         self.estimates[body] = fit(self.dynamics, push, known)
@@ -63,7 +63,8 @@ class PushLearner:
         return with_unknowns(scene, self.estimates)
 
 
-def _radius(tool: Tool) -> float:
+def tool_radius(tool: Tool) -> float:
+    """Of a round tool (m); raises AdaptationError if it is none."""
     part = tool.parts[0]
     if len(tool.parts) > 1 or not isinstance(part.shape, Cylinder) or any(part.pose_tool_from_part[:2]):
         raise AdaptationError("the tool: unknowns are learnt from pushes of a round tool alone, one cylinder")

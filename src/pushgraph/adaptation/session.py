@@ -1,10 +1,10 @@
 """Adapting from files: what it is worth is told by pushes left out, and what is done is kept."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pushgraph.checksum import checksum_line
 from pushgraph.errors import AdaptationError
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import wrap_angle
-from pushgraph.real_pushes import RealPushes, read_pushes
+from pushgraph.real_pushes import RealPushes
 from pushgraph.storage import check_replaceable
 
 LEFT_OUT = 5
@@ -49,39 +49,56 @@ class Session(NamedTuple):
     validation: list[Validation]
 
 
-def adapt_from_files(
-    data: str | os.PathLike,
-    outlines: str | os.PathLike,
+def adapt_recorded(
+    pushes: RealPushes,
+    source: str,
     out: Path,
     count: int | None = None,
     contact: str | os.PathLike = "contact",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Session:
-    """Learn from a table of pushes, and write it; goes on with what `out` with `.partial` holds of the same input."""
+    """Learn from recorded pushes, and write it to `out`; goes on with what `out` with `.partial` holds of the same.
+
+    source: what to call the pushes in the record and in errors.
+    """
     check_replaceable(out)
-    pushes = read_pushes(data, outlines)
     if count is not None and count < len(pushes):
         pushes = pushes.take(np.linspace(0, len(pushes) - 1, count).round().astype(int))
     if len(pushes) < FEWEST:
-        raise AdaptationError(f"{data}: {len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
+        raise AdaptationError(f"{source}: {len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
     predictor = PhysicsPredictor.load(contact)
-    record = {"data": Path(data).name, "pushes": len(pushes), "fingerprint": _fingerprint(pushes), "stage": "partial"}
+    record = {"data": source, "pushes": len(pushes), "fingerprint": _fingerprint(pushes)}
     partial = out.with_name(f"{out.stem}.partial{out.suffix}")
+    begun = _begun(partial, record, predictor.hash)
+
+    def learn(some: RealPushes, what: str, stage: dict[str, Any]) -> Adaptation:
+        known = begun.get(what)
+        return adapt(
+            predictor.dynamics,
+            some,
+            lambda done, n: progress(what, done, n),
+            known,
+            lambda learnt: save_adaptation(learnt, partial, predictor.hash, {**record, "stage": what, **stage}),
+        )
+
     left_out = np.zeros(len(pushes), dtype=bool)
     for names in pushes.materials:
         left_out[np.flatnonzero(pushes.of(*names))[LEFT_OUT - 1 :: LEFT_OUT]] = True
-    tried = _resumed(partial, record)
-    if tried is None:
-        tried = adapt(predictor.dynamics, pushes.take(~left_out), lambda done, n: progress("validated", done, n))
-        save_adaptation(tried, partial, predictor.hash, record)
-    validation = _validated(predictor, tried, pushes.take(left_out))
-    final = adapt(predictor.dynamics, pushes, lambda done, n: progress("learnt", done, n))
+    if "learnt" in begun:
+        rows = record_of(partial)["validation"]
+        validation = [
+            Validation(**row)._replace(before=tuple(row["before"]), after=tuple(row["after"])) for row in rows
+        ]
+    else:
+        tried = learn(pushes.take(~left_out), "validated", {})
+        validation = _validated(predictor, tried, pushes.take(left_out))
+    found = [row._asdict() for row in validation]
+    final = learn(pushes, "learnt", {"validation": found})
     refused = {(row.surface, row.shape) for row in validation if not row.kept}
     before = zero_shot(pushes).surfaces
     kept: dict[Material, Adapted] = {n: before[n[0]] if n in refused else own for n, own in final.materials.items()}
     adaptation = replace(final, materials=kept)
-    told = [row._asdict() for row in validation]
-    save_adaptation(adaptation, out, predictor.hash, {**record, "stage": "whole", "validation": told})
+    save_adaptation(adaptation, out, predictor.hash, {**record, "stage": "whole", "validation": found})
     partial.unlink(missing_ok=True)
     return Session(adaptation, validation)
 
@@ -101,10 +118,14 @@ def _means(apart: np.ndarray) -> tuple[float, float]:
     return float(1e3 * np.hypot(apart[:, 0], apart[:, 1]).mean()), float(np.degrees(turned).mean())
 
 
-def _resumed(partial: Path, record: dict) -> Adaptation | None:
-    if not partial.is_file() or record_of(partial) != record:
-        return None
-    return load_adaptation(partial)
+def _begun(partial: Path, record: Mapping[str, Any], physics: str | None) -> dict[str, Adaptation]:
+    """What was learnt so far of the same pushes, by what it was learnt for."""
+    if not partial.is_file():
+        return {}
+    stands = record_of(partial)
+    if any(stands.get(name) != value for name, value in record.items()):
+        return {}
+    return {stands["stage"]: load_adaptation(partial, physics)}
 
 
 def _fingerprint(pushes: RealPushes) -> str:

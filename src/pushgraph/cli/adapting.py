@@ -7,7 +7,6 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from pushgraph.cli.evaluating_real import Data, Outlines
 from pushgraph.cli.output import BAR, console
 
 if TYPE_CHECKING:
@@ -16,30 +15,47 @@ if TYPE_CHECKING:
 
 
 def adapt(
-    data: Data,
-    outlines: Outlines,
+    data: Annotated[Path | None, typer.Option(help="Recorded pushes: CSV, packed with gzip or not.")] = None,
+    outlines: Annotated[Path | None, typer.Option(help="Outlines of the objects of --data: JSON.")] = None,
+    track: Annotated[
+        list[Path] | None, typer.Option(help="Instead: a recorded track (HDF5); several if repeated.")
+    ] = None,
+    surface: Annotated[str, typer.Option(help="Name of the table on which --track was recorded.")] = "table",
     out: Annotated[Path, typer.Option(help="File to write (safetensors).")] = Path("adaptation.safetensors"),
     count: Annotated[int | None, typer.Option(min=1, help="Pushes, spread over all.", show_default="all")] = None,
     contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
 ) -> None:
     """Learn from recorded pushes of a real robot: side frictions, pressures, the probe's offset, then a correction.
 
-    A fifth of each shape on each surface is left out and tells what it is worth; then everything is learnt from. Where
-    it is not worth anything there, the zero-shot prediction stays. The same command goes on after a kill.
+    Pushes come as a table with outlines, or as tracks, of which those count that move one body alone. A fifth of each
+    shape on each surface is left out and tells what it is worth; then everything is learnt from. Where it is not worth
+    anything there, the zero-shot prediction stays. The same command goes on after a kill.
 
     Examples:
 
     `pushgraph adapt --data pushes.csv --outlines outlines.json --out my.safetensors`
 
+    `pushgraph adapt --track first.h5 --track second.h5 --surface bench --out my.safetensors`
+
     `pushgraph evaluate real --data others.csv --outlines outlines.json --adaptation my.safetensors`
     """
-    from pushgraph.adaptation.session import adapt_from_files
+    from pushgraph.adaptation.recorded import pushes_of_tracks
+    from pushgraph.adaptation.session import adapt_recorded
+    from pushgraph.real_pushes import read_pushes
+    from pushgraph.track import Track
 
+    if data is not None and outlines is not None and not track:
+        pushes, source = read_pushes(data, outlines), data.name
+    elif track and data is None and outlines is None:
+        pushes = pushes_of_tracks({str(path): Track.load(path) for path in track}, surface)
+        source = ", ".join(path.name for path in track)
+    else:
+        raise typer.BadParameter("give --data with --outlines, or --track", param_hint="--data, --track")
     with Progress(*BAR, console=console) as progress:
         bars = {what: progress.add_task(what, total=None) for what in ("validated", "learnt")}
-        session = adapt_from_files(
-            data,
-            outlines,
+        session = adapt_recorded(
+            pushes,
+            source,
             out,
             count,
             contact,
