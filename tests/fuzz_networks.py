@@ -20,11 +20,11 @@ from pushgraph.adaptation.correction import Correction
 from pushgraph.adaptation.files import load_adaptation, save_adaptation
 from pushgraph.adaptation.gaussian_process import GaussianProcess
 from pushgraph.adaptation.unknowns import COUNT, Estimate
-from pushgraph.checkpoint import KINDS as NETWORKS
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
 from pushgraph.dataset.ragged import RaggedFile, Recipe
 from pushgraph.dataset.store import Columns, Dataset
+from pushgraph.network.registry import NETWORKS
 from pushgraph.simulation.lever_setup import draw_interaction
 from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.training.running import Progress, RunningCheckpoint

@@ -30,7 +30,7 @@ def read_text(path: str | os.PathLike, what: str, error: type[PushGraphError]) -
         return read_plain(Path(path), MOST_BYTES)
     except (OSError, ValueError) as fault:
         reason = (fault.strerror or fault) if isinstance(fault, OSError) else fault
-        raise error(f"{path}: cannot read this {what}: {reason}") from None
+        raise error(f"{path}: cannot read this {what}: {reason}") from fault
 
 
 def parse(text: str | bytes, where: str, error: type[PushGraphError]) -> Any:
