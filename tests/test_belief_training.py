@@ -114,7 +114,7 @@ def test_the_loss_of_a_sure_right_answer_is_small_and_the_end_weighs_most(data, 
     assert unsure - late > 2.5 * (unsure - early)
 
 
-@pytest.mark.parametrize("model", ["belief", "paper_recipe"])
+@pytest.mark.parametrize("model", ["belief", pytest.param("paper_recipe", marks=pytest.mark.slow)])
 def test_training_learns_and_goes_on_where_it_stopped(model, data, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     monkeypatch.setattr(BeliefTraining, "VALIDATIONS", 4)

@@ -209,6 +209,7 @@ def test_the_pair_that_looks_alike_weighs_differently(tmp_path) -> None:
     assert not save_alike(SCENES[:2], tmp_path / "none.png")
 
 
+@pytest.mark.slow
 def test_controlled_scenes_are_measured_beside_the_best_answer(prior_belief, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PUSHGRAPH_CACHE", str(tmp_path))
     coarse = ExactObserver(simulated_table(controlled_scene(2), 64), CAMERA, MASS_CLASSES)

@@ -54,6 +54,7 @@ def test_an_own_network_is_trained_saved_loaded_and_measured(tmp_path: Path, mon
     assert load_checkpoint("again.safetensors").kind == "mlp"
 
 
+@pytest.mark.slow
 def test_an_own_setup_is_generated_trained_on_and_measured_in(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     example("own_setup").main(count=2, samples=64, scenes=1)
