@@ -143,7 +143,7 @@ def make_adaptation(folder: Path) -> list[Path]:
     )
     own = Adapted(Estimate(rng.normal(size=COUNT), np.eye(COUNT) * 0.3), correction, (1.0, 1.5), 12)
     plain = Adapted(Estimate.prior(), None, (1.0, 1.0), 3)
-    adaptation = Adaptation(plain, {("abs", "box"): own}, {("abs", "round"): plain}, {"abs": plain})
+    adaptation = Adaptation(plain, {("abs", "box"): own}, {"abs": plain})
     save_adaptation(adaptation, folder / "adaptation.safetensors", "hash", {"pushes": 15})
     return [folder / "adaptation.safetensors"]
 

@@ -12,7 +12,6 @@ from pushgraph.adaptation.correction import Correction
 from pushgraph.adaptation.files import load_adaptation, save_adaptation
 from pushgraph.adaptation.fit import fit, linearized, residuals
 from pushgraph.adaptation.gaussian_process import GaussianProcess
-from pushgraph.adaptation.kinds import kind_of
 from pushgraph.adaptation.online import PushLearner
 from pushgraph.adaptation.prediction import contact_points, predicted_motion
 from pushgraph.adaptation.pressure import corners_of, feet, support
@@ -260,17 +259,17 @@ def test_centroid_of_a_support_is_that_of_its_shape() -> None:
     )
 
 
-def test_unseen_shapes_are_predicted_by_what_outlines_of_their_kind_have_in_common(
+def test_unseen_shapes_are_predicted_by_what_all_on_their_surface_have_in_common(
     dynamics: Dynamics, tmp_path: Path
 ) -> None:
-    assert [kind_of(shape) for shape in SHAPES] == ["round", "cornered", "cornered"]
     pushes = read_pushes(*made(tmp_path, {"box": 15, "disc": 15}, Unknowns(0.1)))
     learnt = adapt(dynamics, pushes)
-    assert learnt.of("abs", "box", SHAPES[1]) is learnt.materials["abs", "box"]
-    assert learnt.of("wood", "box", SHAPES[1]) is learnt.materials["abs", "box"]
-    assert learnt.of("abs", "new", SHAPES[2]) is learnt.kinds["abs", "cornered"]
-    assert learnt.of("abs", "new", SHAPES[0]) is learnt.kinds["abs", "round"]
-    assert learnt.of("wood", "new", SHAPES[0]) is learnt.shared
+    assert learnt.of("abs", "box") is learnt.materials["abs", "box"]
+    assert learnt.of("abs", "new") is learnt.surfaces["abs"]
+    assert learnt.of("wood", "box") is learnt.shared
+    common = learnt.surfaces["abs"].estimate.unknowns
+    assert common.side_friction < 0.15
+    assert common.concentration == pytest.approx(Unknowns().concentration, rel=0.01)
     scene = learnt.apply_to(scene_of(pushes, 0), "abs")
     assert scene.bodies[0].support is not None
     with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from pushgraph import pose
 from pushgraph.adaptation.correction import FEWEST, MOST, Correction
 from pushgraph.adaptation.fit import Linearized, fit, linearized, residuals
-from pushgraph.adaptation.kinds import Kind, kind_of
 from pushgraph.adaptation.probe_offset import from_starts
 from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
@@ -19,15 +18,14 @@ from pushgraph.errors import AdaptationError
 from pushgraph.network.contract import Dynamics
 from pushgraph.real_pushes import RealPushes
 from pushgraph.scene import Scene
-from pushgraph.shape import BodyShape
 from pushgraph.spread import Spread
 
 Material = tuple[str, str]
 """Names of a surface and a shape."""
 MOST_SHARED, MOST_OWN = 360, 150
 """Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
-CENTRE = slice(3, 5)
-"""Unknowns that different shapes do not share: the centre of pressure."""
+PRESSURE = slice(1, 5)
+"""Unknowns that neither different shapes share, nor one shape on different surfaces: where the weight presses."""
 BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5])
 """How far objects are from what all have in common (prior deviations)."""
 STATED = 0.68
@@ -69,21 +67,15 @@ ZERO_SHOT = Adapted(Estimate.prior())
 
 @dataclass(frozen=True, eq=False)
 class Adaptation:
-    """What was learnt of materials, of the two kinds of outlines, with corners or round, on each surface, of surfaces,
-    and of everything together."""
+    """What was learnt of materials, of surfaces, and of everything together."""
 
     shared: Adapted
     materials: Mapping[Material, Adapted] = field(default_factory=dict)
-    kinds: Mapping[tuple[str, Kind], Adapted] = field(default_factory=dict)
     surfaces: Mapping[str, Adapted] = field(default_factory=dict)
 
-    def of(self, surface: str, shape: str, outline: BodyShape) -> Adapted:
-        """What is known of a material; of one that was not learnt, what is of its shape on another surface, of outlines
-        of its kind on its surface, of the surface, or of all."""
-        known = self.materials.get((surface, shape))
-        elsewhere = [own for (_, name), own in self.materials.items() if name == shape]
-        others = self.kinds.get((surface, kind_of(outline)), self.surfaces.get(surface, self.shared))
-        return known or max(elsewhere, key=lambda own: own.pushes, default=others)
+    def of(self, surface: str, shape: str) -> Adapted:
+        """What is known of a material; of one that was not learnt, what is of its surface, or of all."""
+        return self.materials.get((surface, shape), self.surfaces.get(surface, self.shared))
 
     def apply_to(self, scene: Scene, surface: str) -> Scene:
         """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of.
@@ -97,16 +89,18 @@ class Adaptation:
         return with_unknowns(
             scene,
             {
-                body.name: self.of(surface, body.name, body.shape).estimate
+                body.name: self.of(surface, body.name).estimate
                 for body in scene.bodies
                 if body.name in known
             },
         )
 
     def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
-        """Where recorded pushes end, each by what is known of its material."""
+        """Where recorded pushes end, each by what is known of its material; of surfaces that were not learnt, by what
+        the starts of these pushes tell."""
+        everything = replace(self, surfaces={**zero_shot(pushes).surfaces, **self.surfaces})
         ends, spreads = np.zeros((len(pushes), 3)), np.zeros((len(Spread._fields), len(pushes)))
-        known = [self.of(*names, pushes.shapes[names[1]]) for names in pushes.materials]
+        known = [everything.of(*names) for names in pushes.materials]
         for one in {id(one): one for one in known}.values():
             names = [name for name, own in zip(pushes.materials, known, strict=True) if own is one]
             chosen = np.any([pushes.of(*name) for name in names], axis=0)
@@ -130,7 +124,7 @@ def adapt(
     begun: Adaptation | None = None,
     keep: Callable[[Adaptation], None] = lambda learnt: None,
 ) -> Adaptation:
-    """Learn from recorded pushes: what outlines have in common, then each object on each surface by itself.
+    """Learn from recorded pushes: what objects have in common, then each object on each surface by itself.
 
     begun: what an adaptation to the same pushes that was interrupted handed to `keep`, which takes what is learnt so
     far after every object on a surface. Raises AdaptationError if there are too few pushes to learn from.
@@ -147,7 +141,7 @@ def adapt(
     for number, (surface, shape) in enumerate(materials, start=2):
         of_material = pushes.take(pushes.of(surface, shape))
         if len(of_material) >= FEWEST and (surface, shape) not in learnt.materials:
-            prior = replace(learnt, materials={}).of(surface, shape, pushes.shapes[shape]).estimate
+            prior = learnt.surfaces[surface].estimate
             own = _learnt(dynamics, of_material, prior)
             learnt = replace(learnt, materials={**learnt.materials, (surface, shape): own})
             keep(learnt)
@@ -156,24 +150,19 @@ def adapt(
 
 
 def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
-    """Learn what outlines of a kind have in common on each surface, and what all have: for shapes that were not
-    pushed."""
-    kinds = np.array([kind_of(pushes.shapes[name]) for name in pushes.shape.tolist()])
-    found: dict[tuple[str, Kind], Adapted] = {}
-    for surface in dict.fromkeys(pushes.surface.tolist()):
-        own = pushes.of(surface)
-        prior = from_starts(pushes.take(own), Estimate.prior())
-        for kind in dict.fromkeys(kinds[own].tolist()):
-            chosen = own & (kinds == kind)
-            if chosen.sum() >= FEWEST:
-                found[surface, kind] = _in_common(dynamics, pushes.take(chosen), prior)
-    return Adaptation(_in_common(dynamics, pushes, Estimate.prior()), kinds=found, surfaces=zero_shot(pushes).surfaces)
+    """Learn what all objects on a surface have in common, and on all: for shapes that were not pushed."""
+    found = dict(zero_shot(pushes).surfaces)
+    for surface, starts in found.items():
+        own = pushes.take(pushes.of(surface))
+        if len(own) >= FEWEST:
+            found[surface] = _in_common(dynamics, own, starts.estimate)
+    return Adaptation(_in_common(dynamics, pushes, Estimate.prior()), surfaces=found)
 
 
 def _in_common(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
-    """Unknowns of different shapes together; each of them may be off by BETWEEN."""
+    """Unknowns of different shapes together, but PRESSURE; each of them may be off by BETWEEN."""
     deviations = np.ones(COUNT)
-    deviations[CENTRE] = 1e-3
+    deviations[PRESSURE] = 1e-3
     some = _evenly(pushes, MOST_SHARED)
     found = fit(dynamics, some, prior._replace(covariance=prior.covariance * np.outer(deviations, deviations)))
     estimate = Estimate(found.mean, found.covariance + np.diag(BETWEEN**2))

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import torch
 from pydantic import Field, model_validator
@@ -11,7 +11,6 @@ from torch import Tensor
 from pushgraph.adaptation.adapted import Adaptation, Adapted
 from pushgraph.adaptation.correction import FEATURES, Correction
 from pushgraph.adaptation.gaussian_process import GaussianProcess
-from pushgraph.adaptation.kinds import Kind
 from pushgraph.adaptation.unknowns import COUNT, Estimate
 from pushgraph.errors import AdaptationError
 from pushgraph.record import Record
@@ -26,7 +25,7 @@ VERSION = 2
 class Learnt(Record):
     """What the header says of one `Adapted`. key: its tensors' names begin with it. learnt: its unknowns, in words."""
 
-    key: Annotated[str, Field(pattern=r"^(shared|(kind|surface|material) \d{1,6})$")]
+    key: Annotated[str, Field(pattern=r"^(shared|(surface|material) \d{1,6})$")]
     surface: str | None
     shape: str | None
     pushes: Annotated[int, Field(ge=0)]
@@ -37,10 +36,8 @@ class Learnt(Record):
     @model_validator(mode="after")
     def _named(self) -> "Learnt":
         what = self.key.split()[0]
-        if (self.surface is not None, self.shape is not None) != (what != "shared", what in ("kind", "material")):
+        if (self.surface is not None, self.shape is not None) != (what != "shared", what == "material"):
             raise ValueError(f"surface, shape: of {self.key!r}, got {self.surface!r}, {self.shape!r}")
-        if what == "kind" and self.shape not in get_args(Kind):
-            raise ValueError(f"shape: of {self.key!r} valid: {', '.join(get_args(Kind))}, got {self.shape!r}")
         return self
 
 
@@ -70,7 +67,6 @@ def save_adaptation(
     physics: hash of the weights whose predictions it is about. record: what it was learnt from.
     """
     everything: list[tuple[str, tuple[str, str | None] | None, Adapted]] = [("shared", None, adaptation.shared)]
-    everything += [(f"kind {k}", name, own) for k, (name, own) in enumerate(adaptation.kinds.items())]
     everything += [(f"surface {k}", (name, None), own) for k, (name, own) in enumerate(adaptation.surfaces.items())]
     everything += [(f"material {k}", name, own) for k, (name, own) in enumerate(adaptation.materials.items())]
     tensors: dict[str, Tensor] = {}
@@ -105,7 +101,7 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
     header, tensors = _read(path)
     if physics is not None and header["physics"] != physics:
         raise AdaptationError(f"{path}: was learnt about other physics weights than those that predict; adapt anew")
-    found: dict[str, dict] = {"shared": {}, "kind": {}, "surface": {}, "material": {}}
+    found: dict[str, dict] = {"shared": {}, "surface": {}, "material": {}}
     for one in header["learnt"]:
         own = {name.split(".")[1]: values for name, values in tensors.items() if name.split(".")[0] == one["key"]}
         if fault := _fault_of(own, one["strength"] is not None):
@@ -121,7 +117,7 @@ def load_adaptation(path: str | os.PathLike, physics: str | None = None) -> Adap
         what = one["key"].split()[0]
         name = (one["surface"], one["shape"]) if one["shape"] is not None else one["surface"]
         found[what][name] = Adapted(estimate, correction, tuple(one["widening"]), one["pushes"])
-    return Adaptation(found["shared"][None], found["material"], found["kind"], found["surface"])
+    return Adaptation(found["shared"][None], found["material"], found["surface"])
 
 
 def _fault_of(own: Mapping[str, Tensor], corrected: bool) -> str:
