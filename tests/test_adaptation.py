@@ -259,7 +259,7 @@ def test_centroid_of_a_support_is_that_of_its_shape() -> None:
     )
 
 
-def test_unseen_shapes_are_predicted_by_what_all_on_their_surface_have_in_common(
+def test_unseen_shapes_are_predicted_by_what_is_known_of_their_surface(
     dynamics: Dynamics, tmp_path: Path
 ) -> None:
     pushes = read_pushes(*made(tmp_path, {"box": 15, "disc": 15}, Unknowns(0.1)))
@@ -267,9 +267,8 @@ def test_unseen_shapes_are_predicted_by_what_all_on_their_surface_have_in_common
     assert learnt.of("abs", "box") is learnt.materials["abs", "box"]
     assert learnt.of("abs", "new") is learnt.surfaces["abs"]
     assert learnt.of("wood", "box") is learnt.shared
-    common = learnt.surfaces["abs"].estimate.unknowns
-    assert common.side_friction < 0.15
-    assert common.concentration == pytest.approx(Unknowns().concentration, rel=0.01)
+    assert learnt.surfaces["abs"].estimate.unknowns.side_friction == pytest.approx(Unknowns().side_friction)
+    assert max(learnt.surfaces["abs"].widening) < 1  # they end where they should, but for friction
     scene = learnt.apply_to(scene_of(pushes, 0), "abs")
     assert scene.bodies[0].support is not None
     with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):

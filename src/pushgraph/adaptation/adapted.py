@@ -13,7 +13,7 @@ from pushgraph.adaptation.fit import Linearized, fit, linearized, residuals
 from pushgraph.adaptation.probe_offset import from_starts
 from pushgraph.adaptation.scenes import with_unknowns
 from pushgraph.adaptation.uncertainty import DEGREES, covariance, spread_of
-from pushgraph.adaptation.unknowns import COUNT, Estimate
+from pushgraph.adaptation.unknowns import Estimate
 from pushgraph.errors import AdaptationError
 from pushgraph.network.contract import Dynamics
 from pushgraph.real_pushes import RealPushes
@@ -24,10 +24,6 @@ Material = tuple[str, str]
 """Names of a surface and a shape."""
 MOST_SHARED, MOST_OWN = 360, 150
 """Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
-PRESSURE = slice(1, 5)
-"""Unknowns that neither different shapes share, nor one shape on different surfaces: where the weight presses."""
-BETWEEN = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5])
-"""How far objects are from what all have in common (prior deviations)."""
 STATED = 0.68
 """Share of errors that spreads are widened to hold."""
 TRUSTED = 20
@@ -150,7 +146,10 @@ def adapt(
 
 
 def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
-    """Learn what all objects on a surface have in common, and on all: for shapes that were not pushed."""
+    """Learn what is known of shapes that were not pushed: where the probe is on each surface, and how far off they are.
+
+    Friction and pressure of other shapes do not serve: fitted to all together they make one that is left out worse.
+    """
     found = dict(zero_shot(pushes).surfaces)
     for surface, starts in found.items():
         own = pushes.take(pushes.of(surface))
@@ -159,13 +158,9 @@ def adapt_to_all(dynamics: Dynamics, pushes: RealPushes) -> Adaptation:
     return Adaptation(_in_common(dynamics, pushes, Estimate.prior()), surfaces=found)
 
 
-def _in_common(dynamics: Dynamics, pushes: RealPushes, prior: Estimate) -> Adapted:
-    """Unknowns of different shapes together, but PRESSURE; each of them may be off by BETWEEN."""
-    deviations = np.ones(COUNT)
-    deviations[PRESSURE] = 1e-3
+def _in_common(dynamics: Dynamics, pushes: RealPushes, estimate: Estimate) -> Adapted:
+    """The same estimate, with how far off it is for different shapes together."""
     some = _evenly(pushes, MOST_SHARED)
-    found = fit(dynamics, some, prior._replace(covariance=prior.covariance * np.outer(deviations, deviations)))
-    estimate = Estimate(found.mean, found.covariance + np.diag(BETWEEN**2))
     at = linearized(dynamics, some, estimate.mean)
     return Adapted(estimate, None, _held(some, at, estimate, None, residuals(at.motion, some)), len(pushes))
 
