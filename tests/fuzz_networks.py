@@ -150,7 +150,7 @@ def make_adaptation(folder: Path) -> list[Path]:
 
 def read_adaptation(path: Path) -> Any:
     adaptation = load_adaptation(path)
-    everything = [("shared", adaptation.shared), *adaptation.kinds.items(), *adaptation.materials.items()]
+    everything = [("shared", adaptation.shared), *adaptation.surfaces.items(), *adaptation.materials.items()]
     tensors, learnt = {}, []
     for k, (name, own) in enumerate(everything):
         tensors |= {f"{k} mean": torch.from_numpy(own.estimate.mean)}

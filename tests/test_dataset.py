@@ -250,6 +250,7 @@ def test_a_foreign_file_is_refused(tmp_path: Path) -> None:
         Dataset(tmp_path / "nowhere.h5")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_a_clear_error_and_leaves_nothing_behind(tmp_path: Path) -> None:
     """A limit on file sizes fails writes as a full disk does."""
 

@@ -89,7 +89,7 @@ def test_the_scene_in_the_manual_is_valid() -> None:
     assert scene.bodies[0].replace(shape=Polygon(**json.loads(outline))).shape.kind == "polygon"
 
 
-LONG = ("05_push_to_a_goal_by_gradient", "09_own_network", "10_own_setup")
+LONG = ("05_push_to_a_goal_by_gradient", "07_weigh_by_pushing", "09_own_network", "10_own_setup")
 EXAMPLES = [
     pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem in LONG))
     for path in sorted((ROOT / "examples").glob("*.py"))

@@ -52,6 +52,7 @@ def test_goals_are_apart_on_the_table_and_reached_in_simulation(one_start, monke
     assert np.array_equal(again.poses, start.poses)
 
 
+@pytest.mark.slow
 def test_learned_plans_reach_the_goals_that_simulated_ones_reach(one_start, tmp_path):
     results, measures = evaluate_tools(2, FIRST_TEST_SEED)
     assert measures.tasks == 2
