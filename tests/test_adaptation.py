@@ -271,7 +271,10 @@ def test_unseen_shapes_are_predicted_by_what_is_known_of_their_surface(
     assert max(learnt.surfaces["abs"].widening) < 1  # they end where they should, but for friction
     scene = learnt.apply_to(scene_of(pushes, 0), "abs")
     assert scene.bodies[0].support is not None
-    with pytest.raises(AdaptationError, match="no body of the scene.*box, disc"):
+    assert learnt.apply_to(scene_of(pushes, 0)) == scene  # there is but one surface
+    with pytest.raises(AdaptationError, match="'wood' was not learnt of; learnt: abs"):
+        learnt.apply_to(scene, "wood")
+    with pytest.raises(AdaptationError, match="no body of the scene.*on 'abs': box, disc"):
         body = scene.bodies[0].replace(name="cup")
         learnt.apply_to(scene.replace(bodies=(body,)), "abs")
 

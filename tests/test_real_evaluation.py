@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from pushgraph.adaptation.unknowns import Unknowns
 from pushgraph.cli import app
 from pushgraph.errors import EvaluationError
+from pushgraph.evaluation import real_splits
 from pushgraph.evaluation.real import LABELS, errors_of, evaluate_real, spread_out
 from pushgraph.evaluation.real_splits import jobs_of
 from pushgraph.evaluation.repeatability import repeatability, repeated
@@ -85,3 +86,15 @@ def test_the_commands_adapt_and_evaluate(tmp_path: Path) -> None:
     }
     assert means["adapted"] < 0.5 * means["zero_shot"]
     assert (out / "shapes.png").is_file()
+
+
+def test_splits_of_other_pushes_or_seeds_are_not_taken_for_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders = []
+    monkeypatch.setattr(real_splits, "jobs_of", lambda *arguments: folders.append(arguments[3]) or [])
+    pushes = read_pushes(*write(tmp_path, rows_of(30, "box")))
+    for some, seed in ((pushes, 0), (pushes, 0), (pushes, 1), (pushes.take(np.arange(29)), 0)):
+        real_splits.evaluate_splits(some, seed, folder=tmp_path)
+    assert folders[0] == folders[1]
+    assert len(set(folders)) == 3

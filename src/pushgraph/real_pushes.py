@@ -8,6 +8,7 @@ for the speed.
 
 import csv
 import gzip
+import hashlib
 import io
 import math
 import os
@@ -78,6 +79,17 @@ class RealPushes:
     def materials(self) -> list[tuple[str, str]]:
         """The pairs of surface and shape there are, in order of their first push."""
         return list(dict.fromkeys(zip(self.surface.tolist(), self.shape.tolist(), strict=True)))
+
+    def material(self, index: int) -> tuple[str, str]:
+        """Surface and shape of one push."""
+        return str(self.surface[index]), str(self.shape[index])
+
+    @property
+    def fingerprint(self) -> str:
+        """Tells other pushes from these."""
+        names = np.array([f"{surface}\0{shape}\0" for surface, shape in map(self.material, range(len(self)))])
+        numbers = np.column_stack((self.speed, self.before, self.after, self.probe_start, self.probe_end))
+        return hashlib.sha256(names.tobytes() + numbers.tobytes()).hexdigest()
 
     def of(self, surface: str | None = None, shape: str | None = None) -> Bool[np.ndarray, " pushes"]:
         """Which pushes are on a surface and of a shape; None: of all."""

@@ -23,7 +23,7 @@ from pushgraph.spread import Spread
 Material = tuple[str, str]
 """Names of a surface and a shape."""
 MOST_SHARED, MOST_OWN = 360, 150
-"""Unknowns are learnt from so many pushes, evenly chosen: more sharpen them no further."""
+"""So many pushes, evenly chosen, tell how far off other shapes are, and the unknowns of one: more tell no more."""
 STATED = 0.68
 """Share of errors that spreads are widened to hold."""
 TRUSTED = 20
@@ -73,23 +73,24 @@ class Adaptation:
         """What is known of a material; of one that was not learnt, what is of its surface, or of all."""
         return self.materials.get((surface, shape), self.surfaces.get(surface, self.shared))
 
-    def apply_to(self, scene: Scene, surface: str) -> Scene:
-        """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of.
+    def apply_to(self, scene: Scene, surface: str | None = None) -> Scene:
+        """The scene on a surface, with the unknowns of bodies that bear the names of shapes that were learnt of there.
 
-        Raises AdaptationError if there is none. Corrections, and offsets of the probe, are not of the scene.
+        surface: needed only if several were learnt of. Raises AdaptationError if it was not learnt of, or no body bears
+        such a name. Corrections, and offsets of the probe, are not of the scene.
         """
-        known = {shape for _, shape in self.materials} & set(scene.names)
+        surfaces = list(dict.fromkeys(name for name, _ in self.materials))
+        if surface is None and len(surfaces) == 1:
+            surface = surfaces[0]
+        if surface not in surfaces:
+            raise AdaptationError(f"surface: {surface!r} was not learnt of; learnt: {', '.join(surfaces)}")
+        learnt = {shape: own.estimate for (name, shape), own in self.materials.items() if name == surface}
+        known = {name: learnt[name] for name in scene.names if name in learnt}
         if not known:
-            shapes = ", ".join(dict.fromkeys(shape for _, shape in self.materials))
-            raise AdaptationError(f"no body of the scene bears the name of a shape that was learnt of; these: {shapes}")
-        return with_unknowns(
-            scene,
-            {
-                body.name: self.of(surface, body.name).estimate
-                for body in scene.bodies
-                if body.name in known
-            },
-        )
+            raise AdaptationError(
+                f"no body of the scene bears the name of a shape that was learnt of on {surface!r}: {', '.join(learnt)}"
+            )
+        return with_unknowns(scene, known)
 
     def predict(self, dynamics: Dynamics, pushes: RealPushes) -> Prediction:
         """Where recorded pushes end, each by what is known of its material; of surfaces that were not learnt, by what
@@ -120,7 +121,7 @@ def adapt(
     begun: Adaptation | None = None,
     keep: Callable[[Adaptation], None] = lambda learnt: None,
 ) -> Adaptation:
-    """Learn from recorded pushes: what objects have in common, then each object on each surface by itself.
+    """Learn from recorded pushes: how sure predictions of other shapes are, then each object on each surface by itself.
 
     begun: what an adaptation to the same pushes that was interrupted handed to `keep`, which takes what is learnt so
     far after every object on a surface. Raises AdaptationError if there are too few pushes to learn from.

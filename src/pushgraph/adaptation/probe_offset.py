@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from pushgraph import pose
 from pushgraph.adaptation.unknowns import DEVIATION, PROBE, Estimate
-from pushgraph.real_pushes import RealPushes, outline_of
+from pushgraph.real_pushes import RealPushes, depths, outline_of
 
 FARTHEST = 3e-3
 """Pushes that start farther away than this (m) do not start as the probe touches."""
@@ -62,9 +62,8 @@ def _starts(pushes: RealPushes) -> tuple[Float[np.ndarray, " pushes"], Float[np.
         places = shapely.points(start[chosen])
         along = shapely.line_locate_point(polygon.exterior, places)
         nearest = shapely.get_coordinates(shapely.line_interpolate_point(polygon.exterior, along))
-        sign = np.where(shapely.contains(polygon, places), -1.0, 1.0)
-        away = sign[:, None] * (nearest - start[chosen])
-        distance = np.maximum(np.hypot(*away.T), 1e-9)
-        gap[chosen] = sign * distance - pushes.probe_radius
-        normal[chosen] = pose.rotate(away / distance[:, None], pushes.before[chosen, 2])
+        outside = -depths(pushes.shapes[name], start[chosen])
+        away = (nearest - start[chosen]) / np.where(np.abs(outside) < 1e-9, 1e-9, outside)[:, None]
+        gap[chosen] = outside - pushes.probe_radius
+        normal[chosen] = pose.rotate(away, pushes.before[chosen, 2])
     return gap, normal

@@ -11,7 +11,6 @@ import numpy as np
 from pushgraph.adaptation.adapted import Adaptation, Adapted, Material, adapt, zero_shot
 from pushgraph.adaptation.correction import FEWEST
 from pushgraph.adaptation.files import load_adaptation, record_of, save_adaptation
-from pushgraph.checksum import checksum_line
 from pushgraph.errors import AdaptationError
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import wrap_angle
@@ -67,7 +66,7 @@ def adapt_recorded(
     if len(pushes) < FEWEST:
         raise AdaptationError(f"{source}: {len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
     predictor = PhysicsPredictor.load(contact)
-    record = {"data": source, "pushes": len(pushes), "fingerprint": _fingerprint(pushes)}
+    record = {"data": source, "pushes": len(pushes), "fingerprint": pushes.fingerprint}
     partial = out.with_name(f"{out.stem}.partial{out.suffix}")
     begun = _begun(partial, record, predictor.hash)
 
@@ -126,8 +125,3 @@ def _begun(partial: Path, record: Mapping[str, Any], physics: str | None) -> dic
     if any(stands.get(name) != value for name, value in record.items()):
         return {}
     return {stands["stage"]: load_adaptation(partial, physics)}
-
-
-def _fingerprint(pushes: RealPushes) -> str:
-    columns = np.concatenate((pushes.before, pushes.after, pushes.probe_start, pushes.probe_end), 1)
-    return checksum_line(columns.tobytes()).decode(errors="replace").strip()

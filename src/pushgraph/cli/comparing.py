@@ -15,6 +15,8 @@ from pushgraph.cli.output import console, say_files
 from pushgraph.cli.scenes import (
     SPREAD_CAPTION,
     SPREAD_COLUMNS,
+    ResultFolder,
+    SceneName,
     check_animation_option,
     load_scene,
     scene_path,
@@ -40,8 +42,8 @@ class Compared(NamedTuple):
 
 
 def compare(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    scene: SceneName,
+    out: ResultFolder = None,
     model: Annotated[
         str | None,
         typer.Option(
@@ -100,7 +102,7 @@ def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, anim
 
 def demo(
     scene: Annotated[str, typer.Argument(help="demo, on a table; lever-up, in space.")] = "demo",
-    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    out: ResultFolder = None,
 ) -> None:
     """Compare a shipped scene, predicted and simulated; on a table also watch it, and predict what is believed.
 

@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 
 SPREAD_COLUMNS = ("± (cm)", "± (deg)")
 SPREAD_CAPTION = "±: longer half-axis of the ellipse that holds the true place with 68 %, half the interval of the yaw"
+SceneName = Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")]
+ResultFolder = Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")]
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
 
 def predict(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    scene: SceneName,
+    out: ResultFolder = None,
     relations: Annotated[
         Relations, typer.Option(help="none: as if nothing were joined; believed: those of --beliefs.")
     ] = Relations.GIVEN,
@@ -43,7 +45,9 @@ def predict(
     adaptation: Annotated[
         Path | None, typer.Option(help="What pushgraph adapt wrote: of bodies that bear the names of its shapes.")
     ] = None,
-    surface: Annotated[str, typer.Option(help="With --adaptation: the table's, as named there.")] = "",
+    surface: Annotated[
+        str | None, typer.Option(help="With --adaptation: the table's, as named there.", show_default="the only one")
+    ] = None,
     animation: Annotated[Animation, typer.Option(help="mp4 needs ffmpeg.")] = Animation.GIF,
 ) -> None:
     """Predict a scene's pushes with a learned network: track (HDF5, CSV), picture, animation, table of final poses.
@@ -104,8 +108,8 @@ def predict(
 
 
 def simulate(
-    scene: Annotated[str, typer.Argument(help="A scene file (JSON), or the name of a shipped scene: demo, lever-up.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="the scene's name")] = None,
+    scene: SceneName,
+    out: ResultFolder = None,
     robot: Annotated[
         Robot, typer.Option(help="kinematic: the tool goes exactly as told; ur10: an arm holds it (extra [arm]).")
     ] = Robot.KINEMATIC,

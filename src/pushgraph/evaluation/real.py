@@ -97,11 +97,12 @@ def evaluate_real(
     for model, ends in pushes.stated.items():
         measures.add(model, ends, everything)
     chosen = spread_out(pushes, SIMULATED if simulated is None else simulated)
-    scenes = [scene_of(pushes, k) for k in chosen.tolist()]
+    known = zero_shot(pushes)
+    scenes = [scene_of(pushes, k, known.of(*pushes.material(k)).estimate.unknowns) for k in chosen.tolist()]
     measures.add("mujoco", simulated_ends(scenes, workers, lambda done, n: progress("simulated", done, n)), chosen)
     dynamics = PhysicsPredictor.load(contact).dynamics
     progress("predicted", 0, len(pushes))
-    measures.measured.append(measured("zero_shot", zero_shot(pushes).predict(dynamics, pushes), pushes, everything))
+    measures.measured.append(measured("zero_shot", known.predict(dynamics, pushes), pushes, everything))
     if adaptation is not None:
         measures.measured.append(measured("adapted", adaptation.predict(dynamics, pushes), pushes, everything))
     progress("predicted", len(pushes), len(pushes))

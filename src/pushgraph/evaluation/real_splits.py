@@ -1,6 +1,7 @@
 """Adapted predictions of pushes that were left out: by push, by shape, by surface; resumable."""
 
 import functools
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -79,8 +80,10 @@ def evaluate_splits(
     workers: int = 1,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> list[Measured]:
-    """Measure all splits; what `folder` holds already is not computed anew."""
-    jobs = jobs_of(pushes, seed, str(contact), folder, SIZES)
+    """Measure all splits; what `folder` holds already of the same pushes, seed and weights is not computed anew."""
+    weights = PhysicsPredictor.load(contact).hash
+    same = hashlib.sha256(f"{pushes.fingerprint} {seed} {weights}".encode()).hexdigest()[:12]
+    jobs = jobs_of(pushes, seed, str(contact), folder / same, SIZES)
     for done, _ in enumerate(run_in_processes(_measure, jobs, workers), start=1):
         progress("splits", done, len(jobs))
     found: dict[tuple[str, int, str], list[Measured]] = {}
