@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-CACHE := $(or $(PUSHGRAPH_CACHE),$(HOME)/.cache/pushgraph)
+CACHE := $(or $(PUSHGRAPH_CACHE),$(or $(XDG_CACHE_HOME),$(HOME)/.cache)/pushgraph)
 DATA := $(CACHE)/data
 WEIGHTS := src/pushgraph/weights
+BASELINES := baselines/src/pushgraph_baselines
 PLANAR := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processes 1
 PARTS := --data $(DATA)/parts.h5 --validation $(DATA)/validation.h5 --processes 1
 JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 --processes 1
@@ -15,16 +16,21 @@ BELIEF := $(BIN)/pushgraph train belief
 
 .PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe weights-spread weights-lever-up data clean
 
-install: $(VENV)/.installed
+install: $(VENV)/.tests
 
-$(VENV)/.installed: pyproject.toml constraints.txt
+# What the demo needs: neither Ray nor pytest.
+$(VENV)/.demo: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "pushgraph needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,cluster,rosbags,lerobot,arm,gym,real]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[sim,viewer]'
 	@touch $@
 
-demo: install
+$(VENV)/.tests: $(VENV)/.demo baselines/pyproject.toml
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable baselines --editable '.[dev]'
+	@touch $@
+
+demo: $(VENV)/.demo
 	$(BIN)/pushgraph demo --out demo
 
 test: install lint
@@ -69,7 +75,7 @@ weights-contact: data
 
 weights-propnet: data
 	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
-	  --hidden 256 --propagation-steps 5 --out $(WEIGHTS)/propnet.safetensors
+	  --hidden 256 --propagation-steps 5 --out $(BASELINES)/propnet.safetensors
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors
@@ -82,7 +88,7 @@ weights-belief: data
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
-	  --precision bfloat16 --out $(WEIGHTS)/paper_recipe.safetensors
+	  --precision bfloat16 --out $(BASELINES)/paper_recipe.safetensors
 
 weights-spread: data
 	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
@@ -92,7 +98,7 @@ weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \
 	  --samples 12800 --out $(WEIGHTS)/lever_up.safetensors
 	$(BIN)/pushgraph train lever-up --model lever_up_propnet --data $(DATA)/lever-up.h5 --processes 1 \
-	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --out $(WEIGHTS)/lever_up_propnet.safetensors
+	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --out $(BASELINES)/lever_up_propnet.safetensors
 
 clean:
 	rm -rf $(VENV) demo

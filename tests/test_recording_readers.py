@@ -223,16 +223,6 @@ def test_sightings_read_back_as_they_were_written(tmp_path: Path, name: str) -> 
         np.testing.assert_array_equal(getattr(again, column), getattr(sightings, column))
 
 
-def test_a_missing_library_names_its_extra(tmp_path: Path, monkeypatch) -> None:
-    (tmp_path / "rosbags.py").write_text("raise ImportError")
-    (tmp_path / "pyarrow.py").write_text("raise ImportError")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    for name, extra in (("a.bag", "rosbags"), ("a.parquet", "lerobot")):
-        (tmp_path / name).write_bytes(b"")
-        with pytest.raises(TrackError, match=rf"pip install 'pushgraph\[{extra}\]'"):
-            read_sightings(tmp_path / name)
-
-
 def test_unknown_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="no such file"):
         read_sightings(tmp_path / "nowhere.csv")

@@ -7,6 +7,7 @@ training, and a hash of all that and the weights. Loading checks every part and 
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +16,7 @@ from pydantic import Field
 from torch import nn
 
 from pushgraph.errors import CheckpointError, NetworkError
+from pushgraph.extras import extra
 from pushgraph.network.registry import NETWORKS, build_network
 from pushgraph.record import Record
 from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tensors
@@ -23,6 +25,8 @@ FORMAT = "pushgraph.checkpoint"
 VERSION = 1
 MOST = 4096
 """Of any size in a network's config."""
+BASELINES = ("propnet", "paper_recipe", "lever_up_propnet")
+"""The paper's networks: a distribution of their own, as they are nine tenths of all weights."""
 
 
 class TrainingRecord(Record, extra="allow"):
@@ -97,10 +101,17 @@ def load_checkpoint(path: str | os.PathLike) -> Checkpoint:
 
 
 def shipped(name: str) -> Path:
-    """The checkpoint of this name that comes with pushgraph; raises CheckpointError with the valid names."""
+    """The checkpoint of this name that comes with pushgraph.
+
+    Raises CheckpointError with the valid names, or MissingExtraError if it is one of the baselines and they are not
+    installed.
+    """
     folder = Path(__file__).parent / "weights"
+    if name in BASELINES:
+        with extra("baselines", name):
+            folder = Path(str(files("pushgraph_baselines")))
     path = folder / f"{name}.safetensors"
     if not path.is_file():
-        valid = ", ".join(sorted(file.stem for file in folder.glob("*.safetensors")))
+        valid = ", ".join(sorted({file.stem for file in folder.glob("*.safetensors")} | set(BASELINES)))
         raise CheckpointError(f"no shipped checkpoint {name!r}; valid: {valid}")
     return path

@@ -18,7 +18,7 @@ class SimulationError(PushGraphError):
 
 
 class ArmError(PushGraphError):
-    """The arm cannot do a push: out of reach, beyond a limit, or in its own way; or its extra is not installed."""
+    """The arm cannot do a push: out of reach, beyond a limit, or in its own way."""
 
 
 class SetupError(PushGraphError):
@@ -75,6 +75,10 @@ class RealPushError(PushGraphError):
 
 class AdaptationError(PushGraphError):
     """Nothing can be learnt from these pushes, or an adaptation cannot be read."""
+
+
+class MissingExtraError(PushGraphError, ImportError):
+    """What is asked for needs packages that are not installed, and which extra brings them."""
 
 
 class AssumptionWarning(UserWarning):

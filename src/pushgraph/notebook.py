@@ -3,7 +3,12 @@
 import importlib
 from typing import Any
 
+from pushgraph.errors import MissingExtraError
 
-def png_of(shown: Any) -> bytes:
-    """The picture of a scene or a track, as PNG."""
-    return importlib.import_module("pushgraph.viewer.picture").png_of(shown)
+
+def png_of(shown: Any) -> bytes | None:
+    """The picture of a scene or a track, as PNG; None, as notebooks ask for, where the viewer is not installed."""
+    try:
+        return importlib.import_module("pushgraph.viewer.picture").png_of(shown)
+    except MissingExtraError:
+        return None

@@ -121,7 +121,7 @@ class Scene(SceneFile):
             check_classes(self.classes_of_mass)
         return self
 
-    def _repr_png_(self) -> bytes:
+    def _repr_png_(self) -> bytes | None:
         return png_of(self)
 
     @property

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
+import platformdirs
 
 from pushgraph.checksum import checksum_line
 from pushgraph.errors import StorageError
@@ -26,7 +27,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        with temporary.open("rb") as written:
+        with temporary.open("r+b") as written:  # Windows flushes only what may be written
             os.fsync(written.fileno())
         temporary.replace(target)
     except OSError as error:
@@ -79,5 +80,4 @@ def replacing_hdf5(path: str | os.PathLike, checksum: bool = False) -> Iterator[
 
 def cache_folder() -> Path:
     """Where data and running trainings are kept outside of work trees: PUSHGRAPH_CACHE, or the user's cache folder."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(os.environ.get("PUSHGRAPH_CACHE") or base / "pushgraph")
+    return Path(os.environ.get("PUSHGRAPH_CACHE") or platformdirs.user_cache_path("pushgraph", appauthor=False))

@@ -167,7 +167,7 @@ class Track:
         except (TrackError, SceneError) as error:
             raise TrackError(f"{path}: {error}") from None
 
-    def _repr_png_(self) -> bytes:
+    def _repr_png_(self) -> bytes | None:
         return png_of(self)
 
     @property

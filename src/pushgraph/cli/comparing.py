@@ -1,6 +1,7 @@
 """The commands compare and demo: predicted against simulated."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -10,19 +11,18 @@ from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table
 from pushgraph.cli.choices import Animation
+from pushgraph.cli.drawing import draw, drawable
 from pushgraph.cli.lever import compare_lever_scene, lever_scene
-from pushgraph.cli.output import console, say_files
+from pushgraph.cli.output import console, say_files, warn
 from pushgraph.cli.scenes import (
     SPREAD_CAPTION,
     SPREAD_COLUMNS,
     ResultFolder,
     SceneName,
-    check_animation_option,
     load_scene,
     scene_path,
     shipped_scenes,
     stated_at_the_end,
-    warn,
 )
 
 if TYPE_CHECKING:
@@ -63,22 +63,21 @@ def compare(
     """
     from pushgraph.physics import PhysicsPredictor
 
-    check_animation_option(animation)
+    drawn = drawable(animation)
     folder = out or Path(Path(scene).stem)
     in_space = lever_scene(scene_path(scene))
     if in_space is not None:
-        compare_lever_scene(in_space, model or "lever_up", folder, animation)
+        compare_lever_scene(in_space, model or "lever_up", folder, drawn)
         return
-    compared = compare_scene(load_scene(scene), PhysicsPredictor.load(model or "contact"), folder, animation)
+    compared = compare_scene(load_scene(scene), PhysicsPredictor.load(model or "contact"), folder, drawn)
     say_files(compared.outputs)
 
 
-def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, animation: Animation) -> Compared:
-    """Predict and simulate, write both tracks and what shows them, and print what is assumed, off and doubtful."""
+def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, animation: Animation | None) -> Compared:
+    """Predict and simulate, write both tracks and what shows them, if that can be drawn, and print what is assumed, off
+    and doubtful."""
     from pushgraph.plausibility import assumptions, remarks, simplifications
     from pushgraph.simulation.planar import simulate
-    from pushgraph.viewer.animation import save_animation
-    from pushgraph.viewer.picture import save_comparison
 
     warn(assumptions(scene) + simplifications(scene, predictor.solves))
     known = scene.with_nominal_values()
@@ -87,14 +86,14 @@ def compare_scene(scene: "Scene", predictor: "PhysicsPredictor", out: Path, anim
     with console.status("Simulating"):
         simulated = simulate(known)
     tracks = {"Predicted": predicted, "Simulated": simulated}
-    outputs = [out / "predicted.h5", out / "simulated.h5", out / "picture.png"]
-    with console.status("Drawing"):
-        for track, path in zip(tracks.values(), outputs, strict=False):
-            track.save(path)
-        save_comparison(tracks, outputs[2])
-        if animation != Animation.NONE:
-            outputs.append(out / f"animation.{animation.value}")
-            save_animation(tracks, outputs[-1])
+    outputs = [out / "predicted.h5", out / "simulated.h5"]
+    for track, path in zip(tracks.values(), outputs, strict=True):
+        track.save(path)
+    if animation is not None:
+        from pushgraph.viewer.animation import save_animation
+        from pushgraph.viewer.picture import save_comparison
+
+        outputs += draw(out, animation, partial(save_comparison, tracks), partial(save_animation, tracks))
     console.print(differences(predicted, simulated))
     warn([f"{title}: {said}" for title, track in tracks.items() for said in remarks(track)])
     return Compared(predicted, simulated, outputs)

@@ -1,6 +1,5 @@
 """The command generate."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ from rich.table import Table
 
 from pushgraph.cli.choices import engines, one_of, setups
 from pushgraph.cli.output import BAR, console
+from pushgraph.cores import usable_cores
 
 
 def generate(
@@ -30,7 +30,7 @@ def generate(
     drives: Annotated[int | None, typer.Option(min=1, help="Of lever-up, instead of --count: four each.")] = None,
     objects: Annotated[int, typer.Option(min=1, help="Objects in a scene; of mixed setups, the most.")] = 9,
     seed: Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test data.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = os.cpu_count() or 1,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")] = usable_cores(),
     engine: Annotated[
         str, typer.Option(help="processes, or ray (the cluster at RAY_ADDRESS, or a local one).", **one_of(engines))
     ] = "processes",

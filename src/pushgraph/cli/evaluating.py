@@ -1,7 +1,6 @@
 """The commands of `pushgraph evaluate`."""
 
 import itertools
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -12,6 +11,7 @@ from rich.table import Table
 
 from pushgraph.cli.choices import BeliefSetup
 from pushgraph.cli.output import BAR, console
+from pushgraph.cores import usable_cores
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.coupled import CoupledErrors
@@ -32,7 +32,7 @@ Seed = Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test scenes."
 Out = Annotated[Path, typer.Option(help="Folder for results.json and figures.")]
 Objects = Annotated[int | None, typer.Option(help="6, 9 or 12.", show_default="all three")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")]
-CORES = os.cpu_count() or 1
+CORES = usable_cores()
 
 
 @app.command("physics")

@@ -1,12 +1,15 @@
 """What the commands do with scenes in space: levering a board up."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
+from pushgraph.cli.choices import Animation
+from pushgraph.cli.drawing import draw
 from pushgraph.cli.output import console, say_files
 from pushgraph.errors import SceneError
 
@@ -33,7 +36,7 @@ def lever_scene(path: Path) -> "LeverScene | None":
     return LeverScene.from_json(text, str(path))
 
 
-def predict_lever_scene(scene: "LeverScene", model: str, out: Path, animation: str) -> None:
+def predict_lever_scene(scene: "LeverScene", model: str, out: Path, animation: Animation | None) -> None:
     """Predict by a shipped predictor or a checkpoint, and write what `write_lever_tracks` does."""
     from pushgraph.lever_physics import LeverPredictor
 
@@ -43,7 +46,7 @@ def predict_lever_scene(scene: "LeverScene", model: str, out: Path, animation: s
     write_lever_tracks({"Predicted": track}, out, animation)
 
 
-def simulate_lever_scene(scene: "LeverScene", out: Path, animation: str) -> None:
+def simulate_lever_scene(scene: "LeverScene", out: Path, animation: Animation | None) -> None:
     """Simulate in MuJoCo, and write what `write_lever_tracks` does."""
     from pushgraph.simulation.lever import simulate_lever
 
@@ -52,7 +55,7 @@ def simulate_lever_scene(scene: "LeverScene", out: Path, animation: str) -> None
     write_lever_tracks({"Simulated": track}, out, animation)
 
 
-def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: str) -> None:
+def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: Animation | None) -> None:
     """Predict and simulate, and write what `write_lever_tracks` does of both."""
     from pushgraph.lever_physics import LeverPredictor
     from pushgraph.simulation.lever import simulate_lever
@@ -66,19 +69,16 @@ def compare_lever_scene(scene: "LeverScene", model: str, out: Path, animation: s
     write_lever_tracks({"Simulated": simulated, "Predicted": predicted}, out, animation)
 
 
-def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: str) -> None:
-    """Write tracks of one scene, by title, what shows them side by side, and a table of where the board ended."""
-    from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
-
+def write_lever_tracks(tracks: Mapping[str, "LeverTrack"], out: Path, animation: Animation | None) -> None:
+    """Write tracks of one scene, by title, what shows them side by side, if that can be drawn, and a table of where the
+    board ended."""
     outputs = [out / ("track.h5" if len(tracks) == 1 else f"{title.lower()}.h5") for title in tracks]
-    with console.status("Drawing"):
-        for track, path in zip(tracks.values(), outputs, strict=True):
-            track.save(path)
-        outputs.append(out / "picture.png")
-        save_lever_picture(tracks, outputs[-1])
-        if animation != "none":
-            outputs.append(out / f"animation.{animation}")
-            save_lever_animation(tracks, outputs[-1])
+    for track, path in zip(tracks.values(), outputs, strict=True):
+        track.save(path)
+    if animation is not None:
+        from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
+
+        outputs += draw(out, animation, partial(save_lever_picture, tracks), partial(save_lever_animation, tracks))
     console.print(final_board_poses(tracks))
     say_files(outputs)
 

@@ -17,6 +17,12 @@ BAR = (
 )
 
 
+def warn(sentences: Iterable[str]) -> None:
+    """Print what is assumed, or doubtful, a line each."""
+    for sentence in sentences:
+        console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
+
+
 def say_files(paths: Iterable[Path]) -> None:
     """Tell which files were written."""
     console.print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True, markup=False)

@@ -1,6 +1,7 @@
 """The command plan."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,8 +10,9 @@ import typer
 from rich.progress import Progress
 
 from pushgraph.cli.choices import Animation, Arm, PlanningDynamics, Risk
-from pushgraph.cli.output import BAR, console
-from pushgraph.cli.scenes import check_animation_option, final_poses, load_scene, warn
+from pushgraph.cli.drawing import draw, drawable
+from pushgraph.cli.output import BAR, console, warn
+from pushgraph.cli.scenes import final_poses, load_scene
 
 if TYPE_CHECKING:
     from pushgraph.planning.goal import Goal
@@ -71,10 +73,8 @@ def plan(
     from pushgraph.planning.sequences import sequences
     from pushgraph.planning.tools import load_tools
     from pushgraph.plausibility import assumptions, remarks
-    from pushgraph.viewer.animation import save_animation
-    from pushgraph.viewer.plan import save_plan
 
-    check_animation_option(animation)
+    drawn = drawable(animation)
     given = load_scene(scene).replace(pushes=())
     body, x, y = goal
     turned = None if yaw is None else float(np.radians(yaw))
@@ -108,19 +108,18 @@ def plan(
         raise typer.Exit(1)
     tracks = {"Expected": predictor.predict(planned.scene, spread=predictor.states_spread)}
     console.print(_said(planned), highlight=False, markup=False)
-    outputs = [out / "plan.json", out / "expected.h5", out / "picture.png"]
-    if execute:
-        tracks["Executed"] = _executed(planned.scene, robot, out, outputs)
+    outputs = [out / "plan.json", out / "expected.h5"]
     planned.save(outputs[0])
     tracks["Expected"].save(outputs[1])
     if execute:
-        outputs.insert(2, out / "executed.h5")
-        tracks["Executed"].save(outputs[2])
-    with console.status("Drawing"):
-        save_plan(tracks, wanted, out / "picture.png")
-        if animation != "none":
-            outputs.append(out / f"animation.{animation}")
-            save_animation(tracks, outputs[-1])
+        tracks["Executed"] = _executed(planned.scene, robot, out, outputs)
+        outputs.append(out / "executed.h5")
+        tracks["Executed"].save(outputs[-1])
+    if drawn is not None:
+        from pushgraph.viewer.animation import save_animation
+        from pushgraph.viewer.plan import save_plan
+
+        outputs += draw(out, drawn, partial(save_plan, tracks, wanted), partial(save_animation, tracks))
     for title, track in tracks.items():
         console.print(f"{title}: {_distance(wanted, track)}", highlight=False)
         console.print(final_poses(track))

@@ -10,7 +10,8 @@ from rich.live import Live
 from rich.table import Table
 
 from pushgraph.cli.beliefs import joints_table, masses_table, places_table
-from pushgraph.cli.choices import KnownMasses, KnownRelations, Up
+from pushgraph.cli.choices import Animation, KnownMasses, KnownRelations, Up
+from pushgraph.cli.drawing import drawable
 from pushgraph.cli.output import console
 from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import TrackError
@@ -94,7 +95,6 @@ def observe(
     from pushgraph.belief_history import BeliefHistory
     from pushgraph.recording.recording import read_recording
     from pushgraph.recording.sightings import ReadOptions
-    from pushgraph.viewer.beliefs import save_beliefs
 
     loaded = load_scene(scene)
     recording = read_recording(
@@ -123,11 +123,15 @@ def observe(
         if prior is not None:
             watching = watching.expecting(prior_of(prior))
         history = BeliefHistory.watch(loaded, seen, watching, relations == "given", masses == "unknown", show)
-    outputs = [out / "beliefs.json", out / "beliefs.png", out / "scene.json"]
+    outputs = [out / "beliefs.json", out / "scene.json"]
     history.save(outputs[0])
-    save_beliefs(history, outputs[1])
-    with replacing(outputs[2]) as temporary:
+    with replacing(outputs[1]) as temporary:
         temporary.write_text(history.scene.to_json())
+    if drawable(Animation.NONE) is not None:
+        from pushgraph.viewer.beliefs import save_beliefs
+
+        outputs.append(out / "beliefs.png")
+        save_beliefs(history, outputs[-1])
     after = f"after {len(history.times)} frames, {history.times[-1] - history.times[0]:.2f} s"
     console.print(joints_table(f"Likeliest joints {after}", history.pairs, history.probabilities[-1]))
     if history.joints:

@@ -1,6 +1,7 @@
 """The commands about one scene: predict, simulate."""
 
 from collections.abc import Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,8 +11,9 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.choices import Animation, Masses, Relations, Robot
+from pushgraph.cli.drawing import draw, drawable
 from pushgraph.cli.lever import lever_scene, predict_lever_scene, simulate_lever_scene
-from pushgraph.cli.output import console, say_files
+from pushgraph.cli.output import console, say_files, warn
 from pushgraph.errors import SceneError
 
 if TYPE_CHECKING:
@@ -73,14 +75,14 @@ def predict(
             raise typer.BadParameter("needs --beliefs", param_hint=f"--{option} believed")
     if beliefs is not None and "believed" not in (relations, masses):
         raise typer.BadParameter("needs --relations believed or --masses believed", param_hint="--beliefs")
-    check_animation_option(animation)
+    drawn = drawable(animation)
     folder = out or Path(Path(scene).stem)
     in_space = lever_scene(scene_path(scene))
     if in_space is not None:
         for option, value in (("relations", relations), ("masses", masses)):
             if value != "given":
                 raise typer.BadParameter("scenes in space know no other than given", param_hint=f"--{option} {value}")
-        predict_lever_scene(in_space, model or "lever_up", folder, animation)
+        predict_lever_scene(in_space, model or "lever_up", folder, drawn)
         return
     given = load_scene(scene)
     if relations == "none":
@@ -104,7 +106,7 @@ def predict(
     with console.status(f"Predicting {len(given.pushes)} pushes"):
         spread = predictor.states_spread
         track = predictor.predict(given, spread=spread, beliefs=probabilities if spread else None)
-    _write_track(track, folder, animation)
+    _write_track(track, folder, drawn)
 
 
 def simulate(
@@ -133,7 +135,7 @@ def simulate(
 
     `pushgraph simulate lever-up`
     """
-    check_animation_option(animation)
+    drawn = drawable(animation)
     if render is not None and robot != "ur10":
         raise typer.BadParameter("needs --robot ur10", param_hint="--render")
     folder = out or Path(Path(scene).stem)
@@ -141,14 +143,14 @@ def simulate(
     if in_space is not None and robot != "kinematic":
         raise typer.BadParameter("moves tools on a table, not in space", param_hint=f"--robot {robot}")
     if in_space is not None:
-        simulate_lever_scene(in_space, folder, animation)
+        simulate_lever_scene(in_space, folder, drawn)
     elif robot == "ur10":
-        _simulate_with_arm(scene, folder, animation, render)
+        _simulate_with_arm(scene, folder, drawn, render)
     else:
-        _simulate(scene, folder, animation)
+        _simulate(scene, folder, drawn)
 
 
-def _simulate(source: str, out: Path, animation: str) -> None:
+def _simulate(source: str, out: Path, animation: Animation | None) -> None:
     from pushgraph.simulation.planar import simulate
 
     known = _with_nominal_values(source)
@@ -157,7 +159,7 @@ def _simulate(source: str, out: Path, animation: str) -> None:
     _write_track(track, out, animation)
 
 
-def _simulate_with_arm(source: str, out: Path, animation: str, render: Path | None) -> None:
+def _simulate_with_arm(source: str, out: Path, animation: Animation | None, render: Path | None) -> None:
     from pushgraph.simulation.arm import simulate_with_arm
     from pushgraph.viewer.animation import check_animation
     from pushgraph.viewer.arm_animation import save_arm_animation
@@ -184,34 +186,18 @@ def _with_nominal_values(source: str) -> "Scene":
     return scene.with_nominal_values()
 
 
-def check_animation_option(animation: str) -> None:
-    """Refuse an animation that cannot be made, before anything else is done."""
-    from pushgraph.viewer.animation import check_animation
-
-    if animation != "none":
-        check_animation(f"animation.{animation}")
-
-
-def warn(sentences: list[str]) -> None:
-    """Print what is assumed, or doubtful, a line each."""
-    for sentence in sentences:
-        console.print(f"Note: {sentence}", style="yellow", soft_wrap=True, markup=False, highlight=False)
-
-
-def _write_track(track: "Track", out: Path, animation: str, written: Sequence[Path] = ()) -> None:
-    """Write a track and what shows it; `written`: what has been already."""
+def _write_track(track: "Track", out: Path, animation: Animation | None, written: Sequence[Path] = ()) -> None:
+    """Write a track and what shows it, if that can be drawn; `written`: what has been already."""
     from pushgraph.plausibility import remarks
-    from pushgraph.viewer.animation import save_animation
-    from pushgraph.viewer.picture import save_picture
 
-    outputs = [out / "track.h5", out / "track.csv", out / "picture.png"]
-    with console.status("Drawing"):
-        track.save(outputs[0])
-        track.save(outputs[1])
-        save_picture(track, outputs[2])
-        if animation != "none":
-            outputs.append(out / f"animation.{animation}")
-            save_animation(track, outputs[-1])
+    outputs = [out / "track.h5", out / "track.csv"]
+    for path in outputs:
+        track.save(path)
+    if animation is not None:
+        from pushgraph.viewer.animation import save_animation
+        from pushgraph.viewer.picture import save_picture
+
+        outputs += draw(out, animation, partial(save_picture, track), partial(save_animation, track))
     console.print(final_poses(track))
     warn(remarks(track))
     say_files([*outputs, *written])

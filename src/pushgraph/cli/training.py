@@ -13,6 +13,7 @@ from rich.table import Table
 
 from pushgraph.cli.choices import Precision, networks, one_of
 from pushgraph.cli.output import console
+from pushgraph.cores import usable_cores
 
 if TYPE_CHECKING:
     from pushgraph.training.recipe import Training
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
-CORES = os.cpu_count() or 1
+CORES = usable_cores()
 _Data = Annotated[Path, typer.Option(help="Training data, from pushgraph generate planar.")]
 _Validation = Annotated[Path, typer.Option(help="Scenes on which the weights are chosen.")]
 _Out = Annotated[Path, typer.Option(help="The checkpoint, safetensors.")]
@@ -29,7 +30,7 @@ _Seed = Annotated[int, typer.Option(min=0, help="Of first weights and batches.")
 _StartFrom = Annotated[Path | None, typer.Option(help="A checkpoint whose weights to begin with.")]
 _Processes = Annotated[int, typer.Option(min=1, help="Data-parallel.", show_default="one a core")]
 _Device = Annotated[str, typer.Option(help="cpu or cuda.")]
-_Cache = Annotated[Path | None, typer.Option(help="For the running training.", show_default="~/.cache/pushgraph")]
+_Cache = Annotated[Path | None, typer.Option(help="For the running training.", show_default="the user's cache folder")]
 
 
 @app.callback()

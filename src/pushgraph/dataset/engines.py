@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import torch
 
 from pushgraph.errors import DatasetError
+from pushgraph.extras import extra
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -42,10 +43,8 @@ def run_in_processes(
 
 def run_on_ray(work: Callable[[Task], Result], tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, Result]]:
     """The same over the Ray cluster that RAY_ADDRESS names, or a local one with this many workers."""
-    try:
+    with extra("cluster", "the engine ray"):
         import ray
-    except ImportError:
-        raise DatasetError("the engine ray needs Ray: pip install 'pushgraph[cluster]'") from None
     started = not ray.is_initialized()
     if started:
         address = os.environ.get("RAY_ADDRESS")

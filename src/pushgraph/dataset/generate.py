@@ -2,12 +2,13 @@
 
 import contextlib
 import dataclasses
-import fcntl
 import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from pushgraph.dataset.engines import ENGINES
 from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
@@ -55,8 +56,9 @@ def generate(
     if out.exists():
         _check_finished(out, recipe)
         if _parts(out).exists():  # killed after the file was whole
-            with _parts_folder(out, recipe) as parts:
-                shutil.rmtree(parts)
+            with _parts_folder(out, recipe):
+                pass
+            shutil.rmtree(_parts(out))
         progress(count)
         return out
     with _parts_folder(out, recipe) as parts:
@@ -69,7 +71,7 @@ def generate(
             done += block.count
             progress(done)
         _join(out, recipe, [_part(parts, block) for block in blocks])
-        shutil.rmtree(parts)
+    shutil.rmtree(_parts(out))  # what is locked cannot be removed on Windows
     return out
 
 
@@ -99,14 +101,12 @@ def _parts_folder(out: Path, recipe: Recipe) -> Iterator[Path]:
     parts = _parts(out)
     try:
         parts.mkdir(parents=True, exist_ok=True)
-        lock = (parts / "lock").open("w")
+        lock = FileLock(parts / "lock", timeout=0).acquire()
+    except Timeout:
+        raise DatasetError(f"{parts}: another process is generating this dataset") from None
     except OSError as error:
         raise DatasetError(f"{parts}: cannot be made: {error.strerror}") from None
     with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise DatasetError(f"{parts}: another process is generating this dataset") from None
         _check_recipe(parts, recipe)
         yield parts
 

@@ -4,10 +4,10 @@ gymnasium.make("pushgraph.environment:pushgraph/Push-v0")
 gymnasium.make_vec("pushgraph.environment:pushgraph/Push-v0", num_envs=1000)
 """
 
-try:
+from pushgraph.extras import extra
+
+with extra("gym", "pushgraph.environment"):
     import gymnasium
-except ImportError:
-    raise ImportError("pushgraph.environment needs Gymnasium: pip install 'pushgraph[gym]'") from None
 
 ID = "pushgraph/Push-v0"
 PUSHES = 10

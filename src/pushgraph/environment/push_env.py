@@ -18,7 +18,6 @@ from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning.goal import Goal
 from pushgraph.scene import Scene
 from pushgraph.tool import Push
-from pushgraph.viewer.snapshot import draw_snapshot
 
 RENDER_MODES = ["rgb_array"]
 ONLY = np.array([0])
@@ -232,6 +231,8 @@ def _checked_mode(render_mode: str | None) -> str | None:
 
 
 def _render(episodes: Episodes, table: int) -> UInt8[np.ndarray, "height width 3"]:
+    from pushgraph.viewer.snapshot import draw_snapshot  # here, so that what is not shown does without the viewer
+
     scene = episodes.scenes[table]
     poses = np.vstack((episodes.tool[table], episodes.tables.poses[table, : len(scene.bodies)]))
     return draw_snapshot(scene, poses, episodes.goals[table])

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -18,8 +18,10 @@ from pushgraph.physics import FEW, PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.scene_parts import SceneInParts, in_parts
 from pushgraph.simulation.motion import LIFTED_FRAMES, plan_tool
-from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.tool import Push
+
+if TYPE_CHECKING:
+    from pushgraph.simulation.planar import PlanarSimulation
 
 Which = Int[np.ndarray, " some"]
 """Indices of some of the tables."""
@@ -155,6 +157,8 @@ class SimulatedTables:
         """See Tables; raises EpisodeError if poses are given."""
         if poses is not None:
             raise EpisodeError("poses: a simulation begins where its scene stands; only learned dynamics can elsewhere")
+        from pushgraph.simulation.planar import PlanarSimulation  # here, so that learned dynamics do without MuJoCo
+
         for table, scene in zip(which.tolist(), scenes, strict=True):
             self._simulations[table] = PlanarSimulation(scene)
             self.poses[table] = 0.0

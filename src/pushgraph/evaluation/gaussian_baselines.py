@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from pushgraph import pose
 from pushgraph.adaptation.prediction import contact_points
-from pushgraph.errors import EvaluationError
+from pushgraph.extras import extra
 from pushgraph.real_pushes import RealPushes
 
 UNITS = np.array([1e-2, 1e-2, 0.2])
@@ -21,14 +21,10 @@ def gaussian_ends(
 
     base: a model that states final poses, whose errors are learnt; None: the motion itself.
     """
-    try:
+    with extra("real", "gp, a baseline of real pushes,"):
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-    except ImportError:
-        raise EvaluationError(
-            "the baselines gp and gp_poly4 need scikit-learn: pip install 'pushgraph[real]'"
-        ) from None
     touch = contact_points(pushes)
     places = np.concatenate((touch / 0.03, (pushes.end_in_body - touch) / 0.02), 1)
     stated = np.zeros((len(pushes), 3)) if base is None else pushes.in_body(pushes.stated[base])

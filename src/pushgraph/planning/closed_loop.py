@@ -13,7 +13,6 @@ from pushgraph.planning.goal import Goal, index_of
 from pushgraph.planning.plan import Plan
 from pushgraph.regulator import BeliefRegulator
 from pushgraph.scene import Scene
-from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.spread import Ellipse
 from pushgraph.tool import Push
 from pushgraph.track import Track
@@ -40,6 +39,8 @@ class SimulatedEnvironment:
     def __init__(
         self, scene: Scene, noise: tuple[float, float] = (0.0, 0.0), rng: np.random.Generator | None = None
     ) -> None:
+        from pushgraph.simulation.planar import PlanarSimulation  # here, so that real tables do without MuJoCo
+
         self.simulation = PlanarSimulation(scene.replace(pushes=()))
         self._spread = np.array([noise[0], noise[0], noise[1]])
         self._rng = np.random.default_rng(0) if rng is None else rng

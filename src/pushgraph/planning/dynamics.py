@@ -10,7 +10,6 @@ from torch import Tensor
 from pushgraph.errors import SimulationError
 from pushgraph.physics import Beliefs, PhysicsPredictor
 from pushgraph.scene import Scene
-from pushgraph.simulation.planar import simulate
 from pushgraph.track import Track
 
 Dynamics = Callable[[Sequence[Scene]], Sequence[Track]]
@@ -37,6 +36,8 @@ def simulated(scenes: Sequence[Scene]) -> Sequence[Track]:
 
 
 def _simulated(scene: Scene) -> Track:
+    from pushgraph.simulation.planar import simulate  # here, so that plans of what is learned do without MuJoCo
+
     try:
         return simulate(scene)
     except SimulationError:

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from copy import copy
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
@@ -15,6 +14,7 @@ from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import DAMPING, STIFFNESS, TOOL_SITE, ArmModel
 from pushgraph.simulation.arm_planning import ArmPlanner, PlannedPush, plan_arm, trajectory_of
+from pushgraph.simulation.engine import mujoco
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.simulation.planar_model import TIMESTEP

@@ -1,17 +1,18 @@
 """MuJoCo model of a UR10 that holds a tool over a table, from the maker's description in a wheel."""
 
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph.arm import Arm
 from pushgraph.errors import ArmError
+from pushgraph.extras import extra
 from pushgraph.scene import Scene
+from pushgraph.simulation.engine import mujoco
 from pushgraph.simulation.planar_model import CONTACT_HEIGHT
 
 TOOL_SITE = "tool"
@@ -41,7 +42,6 @@ GROUND_CLEARANCE = 0.005
 _TABLE, _LINKS, _BODIES = 1, 2, 4
 """Collision bits: the table, the arm with its tool, and the height of the tallest body."""
 _ROBOT = Path("cmeel.prefix/share/example-robot-data/robots/ur_description")
-INSTALL = "the arm needs the extra `arm`: pip install 'pushgraph[arm]'"
 
 
 class ArmModel(NamedTuple):
@@ -75,7 +75,7 @@ def build_arm(scene: Scene) -> ArmModel:
 
     Its forearm and wrist may not come lower than the tallest body, wherever that is. Gravity is balanced, as its
     controller does.
-    Raises ArmError if the scene has no arm, or the extra is not installed.
+    Raises ArmError if the scene has no arm, and MissingExtraError if the extra is not installed.
     """
     arm = scene.arm
     if arm is None:
@@ -119,11 +119,9 @@ def build_arm(scene: Scene) -> ArmModel:
 
 def _description() -> str:
     """The wheel's URDF, with where its collision meshes are."""
-    try:
+    with extra("arm", "the arm"):
         folder = Path(str(distribution("example-robot-data").locate_file(_ROBOT)))
-        robot = ElementTree.parse(folder / "urdf" / "ur10_robot.urdf").getroot()
-    except (PackageNotFoundError, FileNotFoundError):
-        raise ArmError(INSTALL) from None
+    robot = ElementTree.parse(folder / "urdf" / "ur10_robot.urdf").getroot()
     meshes = {"meshdir": str(folder / "meshes" / "ur10" / "collision"), "strippath": "true", "discardvisual": "true"}
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", meshes, fusestatic="false")
     return ElementTree.tostring(robot, encoding="unicode")

@@ -5,24 +5,24 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph.arm import NEAREST
 from pushgraph.errors import ArmError
+from pushgraph.extras import extra
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import (
     ACCELERATION_LIMIT,
     ANGLE_LIMITS,
-    INSTALL,
     SPEED_LIMITS,
     TOOL_SITE,
     ArmModel,
     build_arm,
 )
 from pushgraph.simulation.arm_path import SAMPLE, SAMPLES_PER_FRAME, ToolPath, along_push, to_start
+from pushgraph.simulation.engine import mujoco
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.tool import Push
 
@@ -246,12 +246,10 @@ def trajectory_of(joint_names: Sequence[str], planned: Sequence[PlannedPush]) ->
 
 
 def import_mink() -> ModuleType:
-    """The package mink; raises ArmError if it is not installed."""
-    try:
+    """The package mink; raises MissingExtraError if it is not installed."""
+    with extra("arm", "the arm"):
         import daqp  # noqa: F401, the solver that mink is told to use
         import mink
-    except ModuleNotFoundError:
-        raise ArmError(INSTALL) from None
     return mink
 
 

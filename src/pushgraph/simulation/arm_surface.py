@@ -1,12 +1,12 @@
 """The surface of an arm at given joint angles, for pictures."""
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph.arm import Arm
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import ROD_RADIUS, TOOL_SITE, build_arm
+from pushgraph.simulation.engine import mujoco
 
 ROD_SIDES = 12
 

@@ -1,6 +1,5 @@
 """Simulate a scene in space in MuJoCo: boxes with six degrees of freedom, and a tool that goes where it is told."""
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
@@ -8,6 +7,7 @@ from pushgraph import pose_3d
 from pushgraph.errors import SimulationError
 from pushgraph.lever_scene import Box, LeverScene, ToolBox
 from pushgraph.lever_track import LeverTrack, frame_times
+from pushgraph.simulation.engine import mujoco
 from pushgraph.track_frames import FRAME
 
 STEPS = 100

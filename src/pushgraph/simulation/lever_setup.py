@@ -18,7 +18,6 @@ from pushgraph import pose_3d
 from pushgraph.errors import SetupError, SimulationError
 from pushgraph.lever_scene import OVERLAP, Box, LeverScene, LeverTool, Size, ToolBox, WayPoint, depth
 from pushgraph.lever_track import LeverTrack
-from pushgraph.simulation.lever import simulate_lever
 
 LEVER_UP = "lever-up"
 SIDES = ("east", "north", "west", "south")
@@ -72,6 +71,8 @@ class Interaction(NamedTuple):
 
 def draw_interaction(seed: int, index: int) -> Interaction:
     """Simulate interaction `index`: drive index // 4, side index % 4; the same arguments give the same bits."""
+    from pushgraph.simulation.lever import simulate_lever  # here, so that datasets are read without MuJoCo
+
     number, side = divmod(index, len(SIDES))
     for rejected, scene in enumerate(_draw_scenes(seed, number, side)):
         with contextlib.suppress(SimulationError):

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Iterator
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from pushgraph.errors import SimulationError
 from pushgraph.plausibility import start_fault
 from pushgraph.scene import Scene
+from pushgraph.simulation.engine import mujoco
 from pushgraph.simulation.motion import ToolMotion
 from pushgraph.simulation.own_frame import OwnFrame
 from pushgraph.simulation.planar_model import LIFT_HEIGHT, NO_LIMIT, TIMESTEP, build

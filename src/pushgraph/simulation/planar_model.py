@@ -13,7 +13,6 @@ coefficient small, their product being the friction wanted, so that the coupling
 import math
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
@@ -25,6 +24,7 @@ from pushgraph.scene import Scene
 from pushgraph.scene_file import TRUSTED
 from pushgraph.shape import Cuboid, Cylinder, Pose
 from pushgraph.simulation.assembly import Assembly, assemble
+from pushgraph.simulation.engine import mujoco
 from pushgraph.simulation.feet import Feet, feet_of
 
 GRAVITY = 9.81

@@ -22,7 +22,6 @@ from pushgraph.simulation.lever_setup import LEVER_UP
 from pushgraph.simulation.masses import CONTROLLED_OBJECTS, controlled_masses, different_masses
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.plan import DENSITIES, Density, Plan
-from pushgraph.simulation.planar import PlanarSimulation, simulate
 from pushgraph.simulation.scenery import MASS, place_paper_blocks, table_side
 from pushgraph.track import Track
 
@@ -141,6 +140,8 @@ def draw_trajectory(setup: str, objects: int, seed: int, index: int) -> Trajecto
 
     Raises SetupError if the setup is unknown or not of so many objects, or a hundred draws in a row come to nothing.
     """
+    from pushgraph.simulation.planar import simulate  # here, so that datasets are read without MuJoCo
+
     plan = find_setup(setup, objects)
     rng = np.random.default_rng([zlib.crc32(setup.encode()), objects, seed, index])
     rejected: Counter[str] = Counter()
@@ -196,6 +197,8 @@ class _LeftTable(Exception):
 
 
 def _push_around(rng: np.random.Generator, scene: Scene, style: PushStyle) -> Track:
+    from pushgraph.simulation.planar import PlanarSimulation
+
     simulation = PlanarSimulation(scene, force_limits=style.force_limit is not None)
     touched = np.zeros(len(scene.bodies), dtype=np.int64)
     for _ in range(style.pushes):

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, TypeVar, overload
 import torch
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from pushgraph.cores import usable_cores
 from pushgraph.dataset.ragged import RaggedFile
 from pushgraph.dataset.store import Dataset
 from pushgraph.errors import PushGraphError, TrainingError
@@ -69,7 +69,7 @@ def conduct(
             "range": task.range,
             "samples": now.step * training.batch * training.frames,
             "seconds": round(now.seconds, 1),
-            "hardware": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {device}",
+            "hardware": f"{platform.processor() or platform.machine()}, {usable_cores()} cores, {device}",
             "curve": now.curve,
         }
         save_checkpoint(Checkpoint(training.model, training.config, network, record, task.physics), out)

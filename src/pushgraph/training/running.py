@@ -1,14 +1,13 @@
 """A training under way on disk: everything that the same command needs to go on after it was killed."""
 
 import contextlib
-import fcntl
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import torch
+from filelock import FileLock, Timeout
 from pydantic import Field
 from torch import Tensor, nn
 
@@ -62,16 +61,11 @@ class RunningCheckpoint:
     def locked(self) -> Iterator[None]:
         """Hold the folder; raises TrainingError if another training does."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        with (self.folder / "lock").open("w") as lock:
-            begun = time.monotonic()
-            while True:
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    if time.monotonic() - begun > PATIENCE:
-                        raise TrainingError(f"{self.folder}: another process is at this training") from None
-                    time.sleep(0.2)
+        try:
+            lock = FileLock(self.folder / "lock", timeout=PATIENCE, poll_interval=0.2).acquire()
+        except Timeout:
+            raise TrainingError(f"{self.folder}: another process is at this training") from None
+        with lock:
             yield
 
     def save(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from pushgraph.errors import TrackError
+from pushgraph.extras import extra
 from pushgraph.recording.sightings import NO_PUSH, ReadOptions, Sightings, SightingsBuilder, planar
 
 POSES = (
@@ -28,11 +29,9 @@ def read_bag(path: Path, options: ReadOptions) -> Sightings:
     A node is named by its topic, by its frame where a message holds transforms, by topic and place in it where it holds
     an array. Times are the messages' stamps, or when they were recorded if they have none.
     """
-    try:
+    with extra("rosbags", "reading bags"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise TrackError("bags need the library rosbags: pip install 'pushgraph[rosbags]'") from None
     builder, push = SightingsBuilder(), NO_PUSH
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         found = {c.topic: c.msgtype for c in reader.connections}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pushgraph.errors import TrackError
+from pushgraph.extras import extra
 from pushgraph.recording.readers.wide_table import columns_of_wrench, coordinates_of_nodes, sightings_of_table
 from pushgraph.recording.sightings import Declared, ReadOptions, Sightings
 
@@ -16,11 +17,9 @@ LONGEST_VECTOR = 4096
 
 def read_parquet(path: Path, options: ReadOptions) -> Sightings:
     """Read one episode; raises TrackError if the file holds several and none is chosen."""
-    try:
+    with extra("lerobot", "reading parquet files"):
         import pyarrow as arrow
         import pyarrow.parquet as parquet
-    except ImportError:
-        raise TrackError("parquet files need the library pyarrow: pip install 'pushgraph[lerobot]'") from None
     try:
         file = parquet.ParquetFile(path)
         plain = [f.name for f in file.schema_arrow if _holds_numbers(f.type, arrow)]
