@@ -131,3 +131,9 @@ def test_every_dependency_is_explained_and_pinned() -> None:
     for name in names - {"pushgraph", "pushgraph-baselines"}:
         assert name in explained, name
         assert name in pinned, name
+
+
+def test_the_version_is_told_alike_everywhere() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert re.search(rf"^version: {re.escape(version)}$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert tomllib.loads((ROOT / "baselines" / "pyproject.toml").read_text())["project"]["version"] == version

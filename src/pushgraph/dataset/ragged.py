@@ -23,6 +23,15 @@ ROWS_PER_CHUNK = 16384
 _STORED = {"chunks": True, "compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
 
 
+def _versions() -> str:
+    """Of what makes a dataset; without MuJoCo, which is an extra, it was made of tracks."""
+    found = []
+    for package in ("pushgraph", "mujoco", "numpy", "torch"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found.append(f"{package} {importlib.metadata.version(package)}")
+    return ", ".join(found)
+
+
 @dataclass(frozen=True)
 class Recipe:
     """What a dataset is made from; the same recipe gives the same bytes."""
@@ -32,11 +41,7 @@ class Recipe:
     seed: int
     first: int
     count: int
-    versions: str = dataclasses.field(
-        default_factory=lambda: ", ".join(
-            f"{package} {importlib.metadata.version(package)}" for package in ("pushgraph", "mujoco", "numpy", "torch")
-        )
-    )
+    versions: str = dataclasses.field(default_factory=_versions)
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
