@@ -10,7 +10,7 @@ from fresh_environment import ROOT, FreshEnvironment, build, wheel_metadata
 
 pytestmark = pytest.mark.slow
 PAGE = (ROOT / "docs" / "install.md").read_text()
-SECTIONS = dict(re.findall(r"^## (.*)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
+SECTIONS = dict(re.findall(r"^## ([^\n]*)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 REPOSITORY = "https://github.com/pushgraph/pushgraph"
 ABSENT = "for name in {names!r}:\n    assert importlib.util.find_spec(name) is None, name"
 
