@@ -40,8 +40,9 @@ class FreshEnvironment:
 
     def __init__(self, folder: Path, wheels: Path) -> None:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        self.bin, self._wheels = folder / "bin", wheels
+        self._bin, self._wheels = folder / "bin", wheels
         (self._packages,) = folder.glob("lib/python*/site-packages")
+        self.run("pip uninstall --yes setuptools", folder)  # Python 3.11 brings one that nobody asked for
         self._own = {name: wheel_metadata(wheels, name) for name in ("pushgraph", "pushgraph-baselines")}
 
     def offer(self, requirements: Iterable[str]) -> None:
@@ -67,7 +68,7 @@ class FreshEnvironment:
     def run(self, script: str, folder: Path, **variables: str) -> subprocess.CompletedProcess:
         """Run a shell script in a folder, with this environment's commands first and pip kept from the network."""
         own = {
-            "PATH": f"{self.bin}:{os.environ['PATH']}",
+            "PATH": f"{self._bin}:{os.environ['PATH']}",
             "PIP_NO_INDEX": "1",
             "PIP_FIND_LINKS": str(self._wheels),
             "PIP_DISABLE_PIP_VERSION_CHECK": "1",
