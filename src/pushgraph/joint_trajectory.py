@@ -100,7 +100,7 @@ class JointTrajectory(Record):
     def save(self, path: str | os.PathLike) -> None:
         """Write JSON."""
         with replacing(path) as temporary:
-            temporary.write_text(self.model_dump_json(indent=1))
+            temporary.write_text(self.model_dump_json(indent=1), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "JointTrajectory":

@@ -20,7 +20,7 @@ COLUMNS = ("time", "node", "x", "y", "yaw", "push")
 
 def save_csv(path: Path, nodes: Sequence[str], frames: Frames) -> None:
     """Write the frames of these nodes; node 0 is the robot."""
-    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS if frames.wrench is None else COLUMNS + COMPONENTS)
         for frame, time in enumerate(frames.times.tolist()):

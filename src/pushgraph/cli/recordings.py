@@ -126,7 +126,7 @@ def observe(
     outputs = [out / "beliefs.json", out / "scene.json"]
     history.save(outputs[0])
     with replacing(outputs[1]) as temporary:
-        temporary.write_text(history.scene.to_json())
+        temporary.write_text(history.scene.to_json(), encoding="utf-8")
     if drawable(Animation.NONE) is not None:
         from pushgraph.viewer.beliefs import save_beliefs
 

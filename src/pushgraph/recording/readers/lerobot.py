@@ -83,7 +83,7 @@ def _names_of(column: str, length: int, path: Path) -> Sequence[str]:
         info = folder / "meta" / "info.json"
         if info.is_file():
             try:
-                names = json.loads(info.read_text())["features"][column]["names"]
+                names = json.loads(info.read_text(encoding="utf-8"))["features"][column]["names"]
             except (OSError, ValueError, KeyError, TypeError):
                 break
             while isinstance(names, dict):  # some sets say which axis it is: {"motors": [...]}
