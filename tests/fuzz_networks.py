@@ -120,7 +120,7 @@ def make_running(folder: Path) -> list[Path]:
     network, optimizer = small_training()
     best = {name: values.clone() for name, values in network.state_dict().items()}
     curve = [{"step": 0, "seconds": 0.0, "loss": 0.5}]
-    RunningCheckpoint(folder, RECIPE).save(network, best, optimizer, Progress(1, 2.5, curve, 0.25))
+    RunningCheckpoint(folder, RECIPE).save(network, best, optimizer, Progress(1, 2.5, 0.5, curve, 0.25))
     return [folder / "running.safetensors"]
 
 
