@@ -15,21 +15,27 @@ from pathlib import Path
 
 import pytest
 import torch
+from test_own_network import example
 
 from pushgraph import cli
 from pushgraph.checkpoint import load_checkpoint
+from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
 from pushgraph.dataset.ragged import Recipe
 from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.errors import DeviceError, TrainingError, TrainingInterrupted
 from pushgraph.network.registry import build_network
+from pushgraph.simulation.lever_setup import draw_interaction
+from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import draw_trajectory
-from pushgraph.training import physics
+from pushgraph.training import belief, physics, rollouts
 from pushgraph.training.belief import BeliefTask, train_belief
+from pushgraph.training.lever import LeverTask
 from pushgraph.training.physics import PhysicsTask, train_physics
 from pushgraph.training.processes import Processes
-from pushgraph.training.recipe import BeliefTraining, PhysicsTraining
+from pushgraph.training.recipe import BeliefTraining, LeverTraining, PhysicsTraining, SpreadTraining
 from pushgraph.training.run import TrainingRun
 from pushgraph.training.seeds import seed_of
+from pushgraph.training.spread import SpreadTask
 
 TINY = {"model": "propnet", "frames": 1, "batch": 6, "hidden": 8, "propagation_steps": 1, "samples": 6 * 40}
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -54,6 +60,7 @@ def data(tmp_path_factory) -> dict[str, str]:
 @pytest.fixture(autouse=True)
 def short_validation(monkeypatch) -> None:
     monkeypatch.setattr(physics, "VALIDATION_FRAMES", 11)
+    monkeypatch.setattr(PhysicsTraining, "VALIDATIONS", 4)
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:
@@ -117,7 +124,8 @@ def test_another_training_does_not_go_on_in_the_same_folder(data, tmp_path: Path
 
 
 def shortened(trajectory, frames: int):
-    track = trajectory.track
+    """The first push alone, and of it so many frames."""
+    track = simulate(trajectory.track.scene.replace(pushes=trajectory.track.scene.pushes[:1]))
     names = ("times", "poses", "push", "seen", "wrench")
     cut = dataclasses.replace(track, **{name: getattr(track, name)[:frames] for name in names})
     return trajectory._replace(track=cut)
@@ -139,9 +147,9 @@ def test_validations_of_other_numbers_of_bodies_and_frames_add_up(data, tmp_path
         PhysicsTask(training.replace(validation=str(tmp_path / "both.h5")), Processes(0, 3), torch.device("cpu"))
     # Beliefs, too; where there is no pair, nothing can be measured.
     training = BeliefTraining(data=data["data"], validation=str(tmp_path / "both.h5"), hidden=8)
-    belief = build_network("belief", {"hidden": 8}).eval()
+    watcher = build_network("belief", {"hidden": 8}).eval()
     with torch.no_grad():
-        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(belief)
+        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(watcher)
     assert sums.isfinite().all()
     assert weights[0] > 0
     alone = write(tmp_path / "alone.h5", 2, draw_trajectory("multiple-parts", 1, 2, 0))
@@ -151,7 +159,7 @@ def test_validations_of_other_numbers_of_bodies_and_frames_add_up(data, tmp_path
 
 
 def test_seeds_are_made_of_what_they_are_for() -> None:
-    assert seed_of("windows", seed=1) == 3107085129323388447
+    assert seed_of("windows", seed=1) == 1599655588823256592
     different = [seed_of("a", seed=1), seed_of("b", seed=1), seed_of("a", seed=2), seed_of("a", step=1, seed=1)]
     assert len({*different}) == 4
     assert seed_of("a", step=1, seed=2) == seed_of("a", seed=2, step=1)
@@ -203,6 +211,57 @@ def test_devices_that_are_not_here_are_refused_before_anything_is_done(device: s
     assert not any(tmp_path.iterdir())
 
 
+class Rank(Processes):
+    """One of several processes that are not there: what it divides by is what all said in the round before."""
+
+    def mean(self, values):
+        said, heard = self.__dict__.setdefault("said", []), self.__dict__.get("heard")
+        said.append(values.detach())
+        return heard[len(said) - 1] if heard else values
+
+
+@pytest.mark.parametrize("name", ["physics", "belief", "masses", "spread", "lever"])
+def test_the_mean_gradient_of_shares_is_that_of_the_batch(name: str, data, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(belief, "MASS_FRAMES", 20)
+    monkeypatch.setattr(belief, "MASS_VALIDATION", 2)
+    monkeypatch.setattr(rollouts, "LONGEST_WATCH", 10)
+    if name == "lever":
+        data = write_interactions(tmp_path)
+    masses = {"masses": data["data"], "masses_validation": data["validation"]} if name == "masses" else {}
+    make_task, training, network = {
+        "physics": lambda: (PhysicsTask, PhysicsTraining, "propnet"),
+        "belief": lambda: (BeliefTask, BeliefTraining, "belief"),
+        "masses": lambda: (BeliefTask, BeliefTraining, "belief"),
+        "spread": lambda: (SpreadTask, SpreadTraining, "spread"),
+        "lever": lambda: (LeverTask, LeverTraining, "lever_up_propnet"),
+    }[name]()
+    settings = {"frames": 12, "batch": 5, "hidden": 8} | ({"rollouts": 5} if name == "spread" else {})
+    training = training(model=network, **data, **settings, **masses)
+
+    def gradient(processes: Processes) -> torch.Tensor:
+        torch.manual_seed(0)
+        network = build_network(training.model, training.config).eval()  # each process has a dropout of its own
+        make_task(training, processes, torch.device("cpu")).loss(network, 3).backward()
+        gradients = [torch.zeros_like(one) if one.grad is None else one.grad for one in network.parameters()]
+        return torch.cat([one.flatten() for one in gradients])
+
+    ranks = [Rank(rank, 2) for rank in range(2)]
+    for one in ranks:
+        gradient(one)
+    heard = [sum(values) / 2 for values in zip(*(one.__dict__.pop("said", []) for one in ranks), strict=True)]
+    for one in ranks:
+        one.__dict__["heard"] = heard
+    whole, shared = gradient(Processes()), sum(gradient(one) for one in ranks) / 2
+    assert whole.norm() > 0
+    torch.testing.assert_close(shared, whole, rtol=1e-3, atol=1e-5 * float(whole.abs().max()))
+
+
+def write_interactions(folder: Path) -> dict[str, str]:
+    interaction, recipe = draw_interaction(0, 0), Recipe("lever-up", 1, 0, 0, 2)
+    LeverDataset.write(folder / "lever.h5", recipe, [LeverColumns.of([interaction] * 2)])
+    return {"data": str(folder / "lever.h5"), "validation": str(folder / "lever.h5")}
+
+
 # Several processes, and kills -----------------------------------------------------------------------------------
 
 
@@ -249,24 +308,37 @@ def test_killed_at_ten_random_moments_it_ends_with_the_same_weights(data, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("launcher", ["own", "torchrun"])
-def test_two_processes_train_as_one_does(launcher: str, data, tmp_path: Path) -> None:
+def test_two_processes_train_as_one_does_a_network_of_one_s_own(launcher: str, data, tmp_path: Path) -> None:
     one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
-    # More batch than two can share alike.
-    settings = {"samples": 7 * 20, "batch": 7, "learning_rate": 1e-2}
-    subprocess.run(command(data, one, **settings), check=True, capture_output=True, env=ENVIRONMENT)
-    arguments = command(data, two, **settings | {"processes": 2 if launcher == "own" else 1})
+    # A batch that two cannot share alike.
+    settings = {"model": "mlp", "samples": 7 * 20, "batch": 7, "learning_rate": 1e-3}
+    imports = ("--imports", "09_own_network")
+    done = run_in_examples(command(data, one, *imports, **settings))
+    assert done.returncode == 0, done.stderr
+    arguments = command(data, two, *imports, **settings | {"processes": 2 if launcher == "own" else 1})
     if launcher == "torchrun":
         arguments[1:3] = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", "-m", "pushgraph"]
-    done = subprocess.run(arguments, capture_output=True, text=True, env=ENVIRONMENT)
+    done = run_in_examples(arguments)
     assert done.returncode == 0, done.stderr
-    assert load_checkpoint(two).record["training"]["processes"] == 2
+    assert done.stdout.count("done: the weights that validated best") == 1
+    example("own_network")
     first, second = (load_checkpoint(path) for path in (one, two))
+    assert second.record["training"] == first.record["training"] | {"processes": 2}
     for row, other in zip(first.record["curve"], second.record["curve"], strict=True):
-        assert {name: value for name, value in row.items() if name != "seconds"} == pytest.approx(
-            {name: value for name, value in other.items() if name != "seconds"}, rel=1e-4
-        )
+        told, heard = ({name: value for name, value in some.items() if name != "seconds"} for some in (row, other))
+        assert told == pytest.approx(heard, rel=1e-4)
     for name, values in first.network.state_dict().items():
-        torch.testing.assert_close(second.network.state_dict()[name], values, atol=1e-4, rtol=1e-3)
+        torch.testing.assert_close(second.network.state_dict()[name], values, atol=1e-5, rtol=1e-3)
+    config = (tmp_path / "two.run" / "config.toml").read_text()
+    assert 'imports = ["09_own_network"]' in config
+    broken = run_in_examples([*arguments, "--imports", "nowhere"])
+    assert broken.returncode == 1
+    assert "imports: 'nowhere' cannot be imported" in broken.stderr
+
+
+def run_in_examples(arguments: list[str]) -> subprocess.CompletedProcess:
+    examples = Path(__file__).parents[1] / "examples"
+    return subprocess.run(arguments, capture_output=True, text=True, cwd=examples, env=ENVIRONMENT)
 
 
 @pytest.mark.slow
@@ -310,19 +382,3 @@ def children_of(parent: int) -> set[int]:
         if int(started_by) == parent and state != "Z":
             found.add(int(status.parent.name))
     return found
-
-
-@pytest.mark.slow
-def test_a_network_of_one_s_own_trains_in_two_processes_by_command(data, tmp_path: Path) -> None:
-    examples = Path(__file__).parents[1] / "examples"
-    arguments = command(data, tmp_path / "mlp.safetensors", "--imports", "09_own_network", model="mlp", processes=2)
-    done = subprocess.run(arguments, capture_output=True, text=True, cwd=examples, env=ENVIRONMENT)
-    assert done.returncode == 0, done.stderr
-    assert "done: the weights that validated best" in done.stdout
-    config = (tmp_path / "mlp.run" / "config.toml").read_text()
-    assert 'imports = ["09_own_network"]' in config
-    broken = subprocess.run(
-        [*arguments, "--imports", "nowhere"], capture_output=True, text=True, cwd=examples, env=ENVIRONMENT
-    )
-    assert broken.returncode == 1
-    assert "imports: 'nowhere' cannot be imported" in broken.stderr

@@ -1,6 +1,7 @@
 """Devices by name: what torch computes on."""
 
 import torch
+from torch import nn
 
 from pushgraph.errors import DeviceError
 
@@ -15,6 +16,12 @@ def device_of(name: str | torch.device) -> torch.device:
         found = "CUDA finds no GPU here" if gpus() == 0 else f"there are {gpus()} GPUs"
         raise DeviceError(f"device: no {str(name)!r}: {found}; valid: {', '.join(devices())}")
     return device
+
+
+def place_of(network: object) -> torch.device:
+    """The device that a network computes on, and that its inputs have to be on; the processor if it is no module."""
+    first = next(network.parameters(), None) if isinstance(network, nn.Module) else None
+    return torch.device("cpu") if first is None else first.device
 
 
 def gpus() -> int:

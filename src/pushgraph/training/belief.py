@@ -155,7 +155,8 @@ class BeliefTask:
     def _loss_of_masses(self, network: nn.Module, tracks: Weighed) -> Tensor:
         noise = cast(BeliefNetwork, network).mass_noise
         assert noise is not None
-        return mass_loss(noise, self._dynamics, tracks).float()
+        here = map_tensors(lambda values: values.to(self._device), tracks)
+        return mass_loss(noise, self._dynamics, here).float()
 
     def _loss_of_joints(self, network: nn.Module, step: int) -> Tensor:
         whole = watched(self._sampler.batch(step), self._generator("watched", step))

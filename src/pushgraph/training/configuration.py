@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, ValidationError, create_model
+from pydantic import ConfigDict, Field, ValidationError, create_model
 
 from pushgraph.errors import TrainingError
 from pushgraph.record import explain
@@ -59,7 +59,7 @@ def read_configuration(path: str | os.PathLike, kind: type[Training]) -> dict[st
             hint = f"did you mean {near[0]}?" if near else f"valid: {', '.join(fields)}"
             raise TrainingError(f"{path}: {name!r}: unknown key; {hint}")
     given: dict[str, Any] = {
-        name: (Annotated[(fields[name].annotation, *fields[name].metadata)], ...)
+        name: (Annotated[(fields[name].annotation, Field(), *fields[name].metadata)], ...)
         for name in content
     }
     try:

@@ -30,15 +30,14 @@ class Rollouts(NamedTuple):
     def of(cls, tracks: Sequence[Track], most: int) -> "Rollouts":
         """Up to so many frames of tracks."""
         frames = min(most, max(len(track.times) for track in tracks))
-        nodes = max(track.poses.shape[1] for track in tracks)
-        poses = np.zeros((len(tracks), frames, nodes, 3), np.float32)
+        scenes = batch_scenes([track.scene for track in tracks])
+        poses = np.zeros((len(tracks), frames, 1 + scenes.mass.shape[1], 3), np.float32)
         down, lasts = np.zeros((2, len(tracks), frames), dtype=bool)
         for k, track in enumerate(tracks):
             last = min(frames, len(track.times))
             own = track.poses.shape[1]
             poses[k, :, :own] = track.poses[np.arange(frames).clip(max=last - 1)]
             down[k, :last], lasts[k, :last] = track.down[:last], True
-        scenes = batch_scenes([track.scene for track in tracks])
         return cls(scenes, *(torch.from_numpy(values) for values in (poses, down, lasts)))
 
     def to(self, device: torch.device) -> "Rollouts":
