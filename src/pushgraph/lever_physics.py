@@ -83,8 +83,8 @@ class LeverPredictor:
         frames = [len(frame_times(scene)) for scene in scenes]
         tool = torch.from_numpy(np.stack([tool_knots(scene, max(frames) - 1) for scene in scenes]))
         with torch.no_grad():
-            start, ways = (map_tensors(lambda one: one.to(self.device), one) for one in (start_lever(scenes), tool))
-            boards = rollout_lever(self.dynamics, start, ways).cpu().numpy()
+            states = map_tensors(lambda values: values.to(self.device), start_lever(scenes))
+            boards = rollout_lever(self.dynamics, states, tool.to(self.device)).cpu().numpy()
         tracks = []
         for index, (scene, count) in enumerate(zip(scenes, frames, strict=True)):
             if not np.isfinite(boards[index, :count]).all():
