@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pushgraph.evaluation.lever_up import NOISE_FLOOR, evaluate_lever_up
-from pushgraph.storage import cache_folder
 from pushgraph.training.lever import LeverTraining, train_lever
+from pushgraph.training.run import TrainingRun
 
 NETWORK, SOLVE = "network", "solve"
 METRICS = {"final_position_error_mm": "final position (mm)", "final_rotation_error_deg": "final rotation (degrees)"}
@@ -36,11 +36,13 @@ def main(
 ) -> None:
     console, models = Console(), {SOLVE: "lever_up"}
     for size in sizes:
-        training = LeverTraining("lever_up_propnet", str(data), str(validation), samples, interactions=size)
+        training = LeverTraining(
+            model="lever_up_propnet", data=str(data), validation=str(validation), samples=samples, interactions=size
+        )
         path = out / f"{size}.safetensors"
         if not path.is_file():
             begun = time.monotonic()
-            train_lever(training, cache_folder(), path)
+            train_lever(training, TrainingRun(out=str(path)))
             console.print(f"{size} interactions: trained in {time.monotonic() - begun:.0f} s")
         models[f"{NETWORK} {size}"] = str(path)
     results, cases = evaluate_lever_up(count, seed, models)

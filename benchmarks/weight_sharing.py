@@ -36,7 +36,7 @@ class SeparateBelief(BeliefNetwork):
 
 def trained(network: nn.Module, training: BeliefTraining) -> tuple[dict[str, float], float]:
     """Numbers of the validation after a training, and its seconds."""
-    task = BeliefTask(training, Processes(0, 1, 0), torch.device("cpu"))
+    task = BeliefTask(training, Processes(), torch.device("cpu"))
     schedule = Schedule(training.steps, training.learning_rate)
     optimizer = torch.optim.AdamW(network.parameters(), lr=training.learning_rate)
     begun = time.monotonic()
@@ -50,7 +50,8 @@ def trained(network: nn.Module, training: BeliefTraining) -> tuple[dict[str, flo
         optimizer.step()
     seconds = time.monotonic() - begun
     with torch.no_grad():
-        return dict(zip(task.numbers, task.validate(network.eval()).tolist(), strict=False)), seconds
+        sums, weights = task.validate(network.eval())
+        return dict(zip(task.numbers, (sums / weights).tolist(), strict=True)), seconds
 
 
 def main(
@@ -61,7 +62,7 @@ def main(
     out: Annotated[Path, typer.Option(help="Folder for the figures, JSON.")] = Path("weight_sharing"),
 ) -> None:
     training = BeliefTraining(
-        "belief", str(data), str(validation), samples=samples, frames=100, learning_rate=3e-3, hidden=hidden
+        data=str(data), validation=str(validation), samples=samples, frames=100, learning_rate=3e-3, hidden=hidden
     )
     physics = sum(values.numel() for values in ContactDynamics().parameters())
     figures = {}

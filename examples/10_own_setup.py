@@ -3,7 +3,6 @@
 python examples/10_own_setup.py
 """
 
-from pathlib import Path
 
 import numpy as np
 
@@ -43,8 +42,10 @@ def main(count: int = 32, samples: int = 4_000, scenes: int = 8) -> None:
     """Train the contact network on dominoes, and measure it beside the shipped one, which has seen none."""
     data = pg.generate("dominoes", objects=5, count=count, seed=0, out="dominoes.h5")
     validation = pg.generate("dominoes", objects=5, count=4, seed=900_000, out="dominoes-validation.h5")
-    training = pg.PhysicsTraining("contact", str(data), str(validation), samples, hidden=16, batch=32)
-    pg.train_physics(training, cache=Path("cache"), out=Path("dominoes.safetensors"))
+    training = pg.PhysicsTraining(
+        data=str(data), validation=str(validation), samples=samples, hidden=16, batch=32
+    )
+    pg.train_physics(training, pg.TrainingRun(out="dominoes.safetensors"))
     models = {"own": "dominoes.safetensors", "contact": "contact"}
     results, _ = evaluate_physics([5], scenes, 1_000_000, models, setup="dominoes")
     for row in results.rows:

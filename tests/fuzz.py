@@ -168,6 +168,31 @@ def of_csv(content: bytes, rng: Random) -> bytes:
     return text.encode(rng.choice(["utf-8"] * 8 + ["utf-16", "utf-8-sig", "utf-32"]), "surrogatepass")
 
 
+def of_toml(content: bytes, rng: Random) -> bytes:
+    """Values of other kinds, keys that are unknown or stand twice, tables, nesting, other encodings."""
+    lines = content.decode().splitlines()
+    values = ["1", "0", "-1", "1e400", "nan", "inf", "true", '""', '"x"', "[]", "[1]", '["a", 1]', "{}", "{a = 1}"]
+    values += ["1979-05-27", "07:32:00", "9" * 5000, "0x10", "1_000", '"\\ud800"', "-0.0", "[" * 9000, ""]
+    for _ in range(rng.choice([1, 1, 2])):
+        kind, place = rng.randrange(8), rng.randrange(1, len(lines))
+        key, _, value = lines[place].partition(" = ")
+        if kind <= 2:
+            lines[place] = f"{key} = {rng.choice(values)}"
+        elif kind == 3:
+            del lines[place]
+        elif kind == 4:
+            new = [lines[place], f"[{key}]", f"{key}.a = 1", "a.b.c" * 2000 + " = 1", "[[x]]"]
+            lines.insert(place, rng.choice(new))
+        elif kind == 5:
+            near = key[:-1] + rng.choice(["", "_", key[-1] * 2])
+            lines[place] = f"{rng.choice([near, '', key.upper(), repr(key)])} = {value}"
+        elif kind == 6:
+            lines[place] = f"{key} = {rng.choice(lines).partition(' = ')[2]}"
+        else:
+            lines[place] += rng.choice([" x", " # é", "\x00", "\r", "#" * 2**17])
+    return "\n".join(lines).encode(rng.choice(["utf-8"] * 8 + ["utf-16", "utf-8-sig"]), "surrogatepass")
+
+
 def of_svg(content: bytes, rng: Random) -> bytes:
     """Path data, transforms, elements of other kinds, references to themselves and elsewhere, entities, nesting."""
     text = content.decode()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import torch
-from fuzz import of_bytes, of_hdf5, of_tensors
+from fuzz import of_bytes, of_hdf5, of_tensors, of_toml
 from fuzz_pool import Kind
 from fuzz_statements import agrees, has_line, reseal, strictly
 from safetensors.torch import load as tensors_of
@@ -27,6 +28,9 @@ from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.network.registry import NETWORKS
 from pushgraph.simulation.lever_setup import draw_interaction
 from pushgraph.simulation.setups import draw_trajectory
+from pushgraph.training.configuration import read_configuration, save_configuration
+from pushgraph.training.recipe import BeliefTraining, LeverTraining, PhysicsTraining, SpreadTraining
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.running import Progress, RunningCheckpoint
 
 
@@ -120,7 +124,7 @@ def make_running(folder: Path) -> list[Path]:
     network, optimizer = small_training()
     best = {name: values.clone() for name, values in network.state_dict().items()}
     curve = [{"step": 0, "seconds": 0.0, "loss": 0.5}]
-    RunningCheckpoint(folder, RECIPE).save(network, best, optimizer, Progress(1, 2.5, curve, 0.25))
+    RunningCheckpoint(folder, RECIPE).save(network, best, optimizer, Progress(1, 2.5, 0.5, curve, 0.25))
     return [folder / "running.safetensors"]
 
 
@@ -132,6 +136,34 @@ def read_running(path: Path) -> Any:
     tensors |= {f"best.{name}": one for name, one in best.items()}
     tensors |= {f"optimizer.{k}.{name}": one for k, values in state.items() for name, one in values.items()}
     return {"recipe": RECIPE, "progress": vars(now), "tensors": digest_of(tensors)}
+
+
+def make_configuration(folder: Path) -> list[Path]:
+    found = []
+    for kind in (PhysicsTraining, BeliefTraining, SpreadTraining, LeverTraining):
+        data, found = folder / "data.h5", [*found, folder / f"{kind.TASK}.toml"]
+        data.touch()
+        run = TrainingRun(out=str(folder / "out.safetensors"), imports=("own",))
+        save_configuration(kind(data=str(data), validation=str(data)), run, found[-1])
+    return found
+
+
+def read_run_configuration(path: Path) -> Any:
+    kinds = (PhysicsTraining, BeliefTraining, SpreadTraining, LeverTraining)
+    return read_configuration(path, next(kind for kind in kinds if path.stem == kind.TASK))
+
+
+def states_configuration(content: bytes, loaded: Any) -> bool:
+    """Each key stands in a line of its own, with its value."""
+    lines = [line.partition("#")[0].strip() for line in content.decode().splitlines()]
+    stated = {line.partition("=")[0].strip(" '\""): line.partition("=")[2].strip() for line in lines if "=" in line}
+    stated.pop("task", None)
+    assert set(stated) == set(loaded)
+    for name, text in stated.items():
+        value = tomllib.loads(f"value = {text}")["value"]
+        assert type(value) is type(loaded[name])
+        assert value == loaded[name]
+    return True
 
 
 def make_adaptation(folder: Path) -> list[Path]:
@@ -176,6 +208,7 @@ def states_adaptation(content: bytes, loaded: Any) -> bool:
     return stated == sorted((row[1:] for row in loaded["learnt"]), key=repr)
 
 
+TOML = (of_bytes, of_toml, of_toml)
 HDF5, TENSORS = (of_bytes, of_hdf5(reseal)), (of_bytes, of_tensors, of_tensors)
 
 
@@ -192,5 +225,6 @@ KINDS = [
     dataset("lever dataset", make_lever_dataset, LeverDataset),
     of_network("checkpoint", make_checkpoints, read_checkpoint),
     of_network("training state", make_running, read_running),
+    Kind("run configuration", make_configuration, read_run_configuration, TOML, states_configuration),
     of_network("adaptation", make_adaptation, read_adaptation, states_adaptation),
 ]

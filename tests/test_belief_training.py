@@ -1,6 +1,5 @@
 """Training of belief: sequences, what is shown of them, and a tiny training that learns and resumes."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from pushgraph.training import belief, loop, watching
 from pushgraph.training.belief import BeliefTask, BeliefTraining, belief_loss, train_belief
 from pushgraph.training.masses import mass_loss, weighed
 from pushgraph.training.processes import Processes
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.watching import NOISE, watched
 
 TINY = {"frames": 30, "batch": 4, "hidden": 8}
@@ -119,8 +119,9 @@ def test_training_learns_and_goes_on_where_it_stopped(model, data, tmp_path, mon
     monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     monkeypatch.setattr(BeliefTraining, "VALIDATIONS", 4)
     tiny = TINY | ({"hidden": 256} if model == "paper_recipe" else {})
-    training = BeliefTraining(model, **data, samples=30 * 4 * 14, learning_rate=1e-2, **tiny)
-    train_belief(training, tmp_path / "whole", tmp_path / "whole.safetensors")
+    training = BeliefTraining(model=model, **data, samples=30 * 4 * 14, learning_rate=1e-2, **tiny)
+    run, other = (TrainingRun(out=str(tmp_path / f"{name}.safetensors")) for name in ("whole", "pieces"))
+    train_belief(training, run)
     whole = load_checkpoint(tmp_path / "whole.safetensors")
     curve = whole.record["curve"]
     assert curve[-1]["loss"] < curve[0]["loss"]
@@ -132,11 +133,11 @@ def test_training_learns_and_goes_on_where_it_stopped(model, data, tmp_path, mon
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train_belief(training, tmp_path / "pieces", tmp_path / "pieces.safetensors", tell=stop)
-    train_belief(training, tmp_path / "pieces", tmp_path / "pieces.safetensors")
+        train_belief(training, other, tell=stop)
+    train_belief(training, other)
     pieces = load_checkpoint(tmp_path / "pieces.safetensors")
     for name, values in whole.network.state_dict().items():
-        torch.testing.assert_close(pieces.network.state_dict()[name], values)
+        assert torch.equal(pieces.network.state_dict()[name], values)
 
 
 @pytest.fixture(scope="module")
@@ -155,15 +156,15 @@ def masses(tmp_path_factory) -> dict[str, str]:
 def test_masses_are_learnt_beside_joints_or_alone(data, masses, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(belief, "MASS_FRAMES", 30)
     monkeypatch.setattr(belief, "MASS_VALIDATION", 2)
-    both = BeliefTraining("belief", **data, **masses, **TINY)
+    both = BeliefTraining(**data, **masses, **TINY)
     network = belief.BELIEFS["belief"](hidden=8)
-    BeliefTask(both, Processes(0, 1, 0), torch.device("cpu")).loss(network, 0).backward()
+    BeliefTask(both, Processes(), torch.device("cpu")).loss(network, 0).backward()
     assert all(parameter.grad is not None for parameter in network.parameters())
 
     start = tmp_path / "start.safetensors"
-    train_belief(dataclasses.replace(both, samples=120, masses=None, masses_validation=None), tmp_path, start)
-    alone = dataclasses.replace(both, samples=240, start_from=str(start), keep_joints=True)
-    train_belief(alone, tmp_path, tmp_path / "alone.safetensors")
+    train_belief(both.replace(samples=120, masses=None, masses_validation=None), TrainingRun(out=str(start)))
+    alone = both.replace(samples=240, start_from=str(start), keep_joints=True)
+    train_belief(alone, TrainingRun(out=str(tmp_path / "alone.safetensors")))
     before, after = (load_checkpoint(path).network.state_dict() for path in (start, tmp_path / "alone.safetensors"))
     for name, values in before.items():
         if not name.startswith("mass_noise"):
@@ -192,12 +193,12 @@ def test_evidence_is_learnt_to_be_worth_what_it_is(masses) -> None:
 )
 def test_settings_about_masses_that_do_not_fit_are_refused(data, settings, reason: str) -> None:
     with pytest.raises(TrainingError, match=reason):
-        BeliefTraining("belief", **data, **TINY, **settings)
+        BeliefTraining(**data, **TINY, **settings)
 
 
 def test_the_physics_weights_stay_as_they_are(data) -> None:
-    training = BeliefTraining("belief", **data, **TINY)
-    task = BeliefTask(training, Processes(0, 1, 0), torch.device("cpu"))
+    training = BeliefTraining(**data, **TINY)
+    task = BeliefTask(training, Processes(), torch.device("cpu"))
     network = belief.BELIEFS["belief"](hidden=8)
     task.loss(network, 0).backward()
     of_masses = {id(parameter) for parameter in network.mass_noise.parameters()}
@@ -208,18 +209,18 @@ def test_the_physics_weights_stay_as_they_are(data) -> None:
 
 
 def test_bad_trainings_are_refused(data) -> None:
-    with pytest.raises(TrainingError, match="no model 'magic'; valid: belief, paper_recipe"):
-        BeliefTraining("magic", **data)
+    with pytest.raises(TrainingError, match="no network 'magic' to train; valid: belief, paper_recipe"):
+        BeliefTraining(model="magic", **data)
     with pytest.raises(TrainingError, match="no such dataset"):
-        BeliefTraining("belief", **data | {"data": str(Path("nowhere.h5"))})
-    assert dataclasses.asdict(BeliefTraining("belief", **data))["frames"] == 200
+        BeliefTraining(**data | {"data": str(Path("nowhere.h5"))})
+    assert BeliefTraining(**data).frames == 200
 
 
 def test_belief_is_trained_on_physics_of_one_s_own(data, tmp_path) -> None:
     own, out = str(tmp_path / "physics.safetensors"), str(tmp_path / "belief.safetensors")
     save_checkpoint(Checkpoint("contact", {"hidden": 8, "steps": 1}, ContactDynamics(8, 1), {}), own)
     training = BeliefTraining(model="belief", samples=240, physics=own, **data, **TINY)
-    train_belief(training, tmp_path, Path(out))
+    train_belief(training, TrainingRun(out=out))
     assert load_checkpoint(out).physics == load_checkpoint(own).hash
     assert load_checkpoint(out).record["training"]["physics"] == "physics.safetensors"
     assert BeliefModel.load(out, physics=own).network.hidden == 8

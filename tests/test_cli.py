@@ -183,7 +183,7 @@ def test_a_folder_and_a_binary_file_are_no_scenes(tmp_path: Path, capsys) -> Non
         ("plan", "demo", "--goal", "box", "0", "0", "--risk", "none"),
         ("observe", "demo", "track.csv", "--masses", "mean"),
         ("generate", "multiple-parts", "--count", "1", "--engine", "spark", "--out", "x.h5"),
-        ("train", "physics", "--model", "belief", "--data", "x", "--validation", "y", "--out", "z"),
+        ("train", "physics", "--samples", "0", "--data", "x", "--validation", "y", "--out", "z"),
         ("evaluate", "clutter", "--contender", "nobody"),
     ],
 )

@@ -13,6 +13,7 @@ ORDER = [
     "errors",
     "extras",
     "cores",
+    "device",
     "written_number",
     "checksum",
     "storage",

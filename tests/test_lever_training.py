@@ -15,6 +15,7 @@ from pushgraph.simulation.lever_setup import LEVER_UP, draw_interaction
 from pushgraph.track_frames import FRAME
 from pushgraph.training.lever import LeverTask, LeverTraining, train_lever, velocity_between
 from pushgraph.training.processes import Processes
+from pushgraph.training.run import TrainingRun
 
 TINY = {"samples": 16, "frames": 2, "batch": 4, "hidden": 8}
 
@@ -38,8 +39,8 @@ def data(tmp_path_factory) -> dict[str, str]:
 
 @pytest.mark.parametrize("model", LEVERS)
 def test_training_writes_what_predicts(model, data, tmp_path) -> None:
-    training = LeverTraining(model, **data, **TINY, interactions=1)
-    now = train_lever(training, tmp_path, tmp_path / "out.safetensors")
+    training = LeverTraining(model=model, **data, **TINY, interactions=1)
+    now = train_lever(training, TrainingRun(out=str(tmp_path / "out.safetensors")))
     assert now.step == 2
     checkpoint = load_checkpoint(tmp_path / "out.safetensors")
     assert checkpoint.record["data"]["interactions"] == 1
@@ -53,7 +54,7 @@ def test_training_writes_what_predicts(model, data, tmp_path) -> None:
 
 
 def test_training_goes_on_to_the_same_weights(data, tmp_path) -> None:
-    training = LeverTraining("lever_up_propnet", **data, **TINY)
+    training = LeverTraining(model="lever_up_propnet", **data, **TINY)
 
     class Killed(Exception):
         pass
@@ -62,10 +63,11 @@ def test_training_goes_on_to_the_same_weights(data, tmp_path) -> None:
         if now.step == 1:
             raise Killed
 
-    train_lever(training, tmp_path / "whole", tmp_path / "whole.safetensors")
+    run, other = (TrainingRun(out=str(tmp_path / f"{name}.safetensors")) for name in ("whole", "parts"))
+    train_lever(training, run)
     with pytest.raises(Killed):
-        train_lever(training, tmp_path / "parts", tmp_path / "parts.safetensors", tell=kill)
-    train_lever(training, tmp_path / "parts", tmp_path / "parts.safetensors")
+        train_lever(training, other, tell=kill)
+    train_lever(training, other)
     whole, parts = (load_checkpoint(tmp_path / f"{name}.safetensors").network for name in ("whole", "parts"))
     assert all(torch.equal(a, b) for a, b in zip(whole.parameters(), parts.parameters(), strict=True))
 
@@ -80,9 +82,9 @@ def test_the_true_velocity_is_told_from_two_frames() -> None:
 
 
 def test_what_does_not_fit_is_refused(data, tmp_path) -> None:
-    with pytest.raises(TrainingError, match="interactions: must be at least 1"):
-        LeverTraining("lever_up", **data, interactions=0)
+    with pytest.raises(TrainingError, match="interactions: Input should be greater than or equal to 1"):
+        LeverTraining(model="lever_up", **data, interactions=0)
     with pytest.raises(TrainingError, match="frames: at most"):
-        LeverTask(LeverTraining("lever_up", **data, frames=1000), Processes(0, 1, 0), torch.device("cpu"))
+        LeverTask(LeverTraining(model="lever_up", **data, frames=1000), Processes(), torch.device("cpu"))
     with pytest.raises(CheckpointError, match="holds 'contact'"):
         LeverPredictor.load(shipped("contact"))

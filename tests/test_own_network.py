@@ -49,7 +49,7 @@ def test_an_own_network_is_trained_saved_loaded_and_measured(tmp_path: Path, mon
     arguments = ["train", "physics", "--model", "mlp", "--data", "train.h5", "--validation", "validation.h5"]
     small = ["--samples", "64", "--batch", "8", "--hidden", "8", "--processes", "1"]
     with pytest.raises(SystemExit) as stop:
-        main([*arguments, *small, "--cache", "cache", "--out", "again.safetensors"])
+        main([*arguments, *small, "--out", "again.safetensors"])
     assert stop.value.code == 0
     assert load_checkpoint("again.safetensors").kind == "mlp"
 
@@ -102,10 +102,10 @@ class Unsavable(Lacking):
 def test_what_does_not_keep_the_contract_is_refused_before_training(network, says, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(networks_of("physics"), "own", network)
     path = pg.generate("multiple-parts", objects=3, count=1, seed=0, out=tmp_path / "data.h5")
-    training = pg.PhysicsTraining("own", str(path), str(path), samples=8, hidden=8, batch=2)
-    cache, out, begun = tmp_path / "cache", tmp_path / "own.safetensors", []
+    training = pg.PhysicsTraining(model="own", data=str(path), validation=str(path), samples=8, hidden=8, batch=2)
+    run, begun = pg.TrainingRun(out=str(tmp_path / "own.safetensors")), []
     with pytest.raises((NetworkError, TrainingError), match=says):
-        pg.train_physics(training, cache, out, "cpu", lambda now, loss: begun.append(now))
+        pg.train_physics(training, run, lambda now, loss: begun.append(now))
     assert not begun
     assert not list(tmp_path.rglob("*.safetensors"))
 

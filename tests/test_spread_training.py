@@ -1,11 +1,11 @@
 """Training of spreads: rollouts to learn from, the loss, and a tiny training that learns and resumes."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional as F
 
 from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
@@ -16,7 +16,15 @@ from pushgraph.network.spread_network import LEAST, LEAST_YAW, Scales
 from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.spread import Spread
 from pushgraph.training import loop, rollouts, spread
-from pushgraph.training.rollouts import RolloutMaker, predicted_as_believed, predicted_as_known, withhold_values
+from pushgraph.training.processes import Processes
+from pushgraph.training.rollouts import (
+    RolloutMaker,
+    Withheld,
+    predicted_as_believed,
+    predicted_as_known,
+    withhold_values,
+)
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.spread import ScaledErrors, SpreadTraining, misses, surprise, train_spread
 
 TINY = {"frames": 24, "batch": 2, "hidden": 8, "rollouts": 8, "learning_rate": 1e-2}
@@ -84,7 +92,7 @@ def test_withheld_values_are_nominal_and_flagged(data) -> None:
     from pushgraph.scene import NOMINAL_MASS
 
     scenes = batch_scenes([Dataset(data["data"]).scene(k % 4) for k in range(400)])
-    some = withhold_values(scenes, np.random.default_rng(0))
+    some = withhold_values(scenes, Withheld.drawn(np.random.default_rng(0), 400, scenes.mass.shape[1]))
     hidden = scenes.mass_known & ~some.mass_known
     assert 0.06 < float(hidden.float().mean()) < 0.16
     assert (some.mass[hidden] == NOMINAL_MASS).all()
@@ -132,16 +140,21 @@ def test_the_same_batches_come_again(data, dynamics) -> None:
     makers = [RolloutMaker(dataset, dynamics, belief, 8, 2, seed=3) for _ in range(2)]
     assert len(makers[0]) == 4
     for number in range(4):
-        first, again = (maker(number, 16) for maker in makers)
+        first, again = (maker(number, 16, Processes()) for maker in makers)
         assert torch.equal(first.poses, again.poses)
         assert torch.equal(first.doubt, again.doubt)
+        # Two processes make the same batch together.
+        halves = [makers[0](number, 16, Processes(rank, 2)) for rank in range(2)]
+        joined = torch.cat([F.pad(half.true, (0, 0, 0, first.true.shape[2] - half.true.shape[2])) for half in halves])
+        assert torch.equal(joined[:, : first.true.shape[1]], first.true)
 
 
 def test_training_learns_and_goes_on_where_it_stopped(data, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     monkeypatch.setattr(SpreadTraining, "VALIDATIONS", 4)
-    training = SpreadTraining("spread", **data, samples=24 * 2 * 24, **TINY)
-    train_spread(training, tmp_path / "whole", tmp_path / "whole.safetensors")
+    training = SpreadTraining(**data, samples=24 * 2 * 24, **TINY)
+    run, other = (TrainingRun(out=str(tmp_path / f"{name}.safetensors")) for name in ("whole", "pieces"))
+    train_spread(training, run)
     whole = load_checkpoint(tmp_path / "whole.safetensors")
     curve = whole.record["curve"]
     assert curve[-1]["loss_of_bodies"] < curve[0]["loss_of_bodies"]
@@ -152,16 +165,16 @@ def test_training_learns_and_goes_on_where_it_stopped(data, tmp_path, monkeypatc
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train_spread(training, tmp_path / "pieces", tmp_path / "pieces.safetensors", tell=stop)
-    train_spread(training, tmp_path / "pieces", tmp_path / "pieces.safetensors")
+        train_spread(training, other, tell=stop)
+    train_spread(training, other)
     pieces = load_checkpoint(tmp_path / "pieces.safetensors")
     for name, values in whole.network.state_dict().items():
-        torch.testing.assert_close(pieces.network.state_dict()[name], values)
+        assert torch.equal(pieces.network.state_dict()[name], values)
 
 
 def test_bad_trainings_are_refused(data) -> None:
-    with pytest.raises(TrainingError, match="no model 'magic'; valid: spread"):
-        SpreadTraining("magic", **data, samples=10, **TINY)
+    with pytest.raises(TrainingError, match="no network 'magic' to train; valid: spread"):
+        SpreadTraining(model="magic", **data, samples=10, **TINY)
     with pytest.raises(TrainingError, match="rollouts: must be a batch at least, 2; got 1"):
-        SpreadTraining("spread", **data, samples=10, **TINY | {"rollouts": 1})
-    assert dataclasses.asdict(SpreadTraining("spread", **data))["hidden"] == 32
+        SpreadTraining(**data, samples=10, **TINY | {"rollouts": 1})
+    assert SpreadTraining(**data).hidden == 32

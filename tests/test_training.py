@@ -1,12 +1,5 @@
 """Training: it learns, survives kills without a trace, and stops at what is not finite."""
 
-import dataclasses
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +15,7 @@ from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.dataset.windows import WindowSampler
 from pushgraph.errors import TrainingError
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pairs_of
+from pushgraph.network.registry import build_network
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import draw_trajectory, multiple_parts, planar
 from pushgraph.training import physics
@@ -29,6 +23,8 @@ from pushgraph.training.examples import ExampleMaker, mirror, mirror_scenes, wit
 from pushgraph.training.losses import unrolled_loss
 from pushgraph.training.physics import PhysicsTask, PhysicsTraining, train_physics
 from pushgraph.training.processes import Processes
+from pushgraph.training.run import TrainingRun
+from pushgraph.training.share import Draws
 
 TINY = {"frames": 2, "batch": 16, "hidden": 8, "propagation_steps": 2}
 
@@ -57,8 +53,8 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("model", ["contact", "propnet"])
 def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path) -> None:
-    training = PhysicsTraining(model, **data, samples=1600, learning_rate=3e-3, **TINY)
-    train_physics(training, tmp_path, tmp_path / "out.safetensors")
+    training = PhysicsTraining(model=model, **data, samples=1600, learning_rate=3e-3, **TINY)
+    train_physics(training, TrainingRun(out=str(tmp_path / "out.safetensors")))
     checkpoint = load_checkpoint(tmp_path / "out.safetensors")
     record, curve = checkpoint.record, checkpoint.record["curve"]
     assert record["samples"] == 1600
@@ -80,93 +76,20 @@ def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path
 def test_gradients_in_bfloat16_point_where_those_in_float32_do(model, data) -> None:
     gradients = []
     for precision in ("float32", "bfloat16"):
-        training = PhysicsTraining(model, **data, samples=1600, precision=precision, **TINY | {"hidden": 32})
+        training = PhysicsTraining(model=model, **data, samples=1600, precision=precision, **TINY | {"hidden": 32})
         torch.manual_seed(0)
-        network = training.MODELS[model](**training.config)
-        PhysicsTask(training, Processes(0, 1, 0), torch.device("cpu")).loss(network, 0).backward()
+        network = build_network(model, training.config)
+        PhysicsTask(training, Processes(), torch.device("cpu")).loss(network, 0).backward()
         gradients.append(torch.cat([values.grad.flatten() for values in network.parameters()]))
     assert float(torch.cosine_similarity(*gradients, dim=0)) > 0.99
 
 
-SCRIPT = """
-import sys, json, pathlib
-from pushgraph.training import loop, physics
-from pushgraph.training.physics import PhysicsTraining, train_physics
-loop.SAVE_EVERY = 0.0
-physics.VALIDATION_FRAMES = 11
-folder, training = pathlib.Path(sys.argv[1]), PhysicsTraining(**json.loads(sys.argv[2]))
-train_physics(training, folder, folder / "out.safetensors", tell=lambda now, loss: print(now.step, flush=True))
-"""
-
-
-@pytest.mark.slow  # a minute
-def test_killed_three_times_it_ends_with_the_same_weights(data, tmp_path) -> None:
-    training = PhysicsTraining("contact", **data, samples=32 * 60, **TINY)
-    train_physics(training, tmp_path / "whole", tmp_path / "whole.safetensors")
-    command = [sys.executable, "-c", SCRIPT, str(tmp_path), json.dumps(dataclasses.asdict(training))]
-    reached = 0
-    for _ in range(3):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        first = int(process.stdout.readline())
-        assert first >= reached  # at most the step under way was lost
-        for _ in range(6):
-            reached = int(process.stdout.readline())
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    whole, pieces = weights(tmp_path / "whole.safetensors"), weights(tmp_path / "out.safetensors")
-    for name, values in whole.items():
-        torch.testing.assert_close(pieces[name], values)
-
-
-@pytest.mark.slow
-def test_two_processes_train_together_and_end_with_the_one_that_started_them(data, tmp_path) -> None:
-    out = tmp_path / "out.safetensors"
-    command = [sys.executable, "-m", "pushgraph", "train", "physics", "--processes", "2", "--cache", str(tmp_path)]
-    for name, value in (data | TINY | {"out": out, "model": "contact"}).items():
-        command += [f"--{name.replace('_', '-')}", str(value)]
-    done = subprocess.run([*command, "--samples", "640"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "mean error (cm)" in done.stdout
-    assert load_checkpoint(out).record["training"]["processes"] == 2
-    assert len(list(tmp_path.glob("training/*/curve.png"))) == 1
-
-    process = subprocess.Popen([*command, "--samples", "1000000"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    folder = tmp_path / "training"
-    wait_until(lambda: len(list(folder.iterdir())) == 2)
-    wait_until(lambda: len(running_with(str(tmp_path))) > 2)  # torchrun and two that it started
-    time.sleep(4)
-    assert process.poll() is None
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    wait_until(lambda: not running_with(str(tmp_path)))
-
-
-def wait_until(condition, seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.1)
-
-
-def running_with(argument: str) -> list[str]:
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            command = (process / "cmdline").read_bytes().decode().split("\0")
-        except OSError:
-            continue
-        if argument in command and int(process.name) != os.getpid():
-            found.append(process.name)
-    return found
-
-
 def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monkeypatch) -> None:
-    broken = lambda network, example: unrolled_loss(network, example) * float("nan")  # noqa: E731
+    broken = lambda *some: unrolled_loss(*some) * float("nan")  # noqa: E731
     monkeypatch.setattr(physics, "unrolled_loss", broken)
     with pytest.raises(TrainingError, match=r"step 0: loss nan.*not finite.*failure-step-0-process-0"):
-        train_physics(PhysicsTraining("contact", **data, samples=64, **TINY), tmp_path, tmp_path / "out.safetensors")
-    (failure,) = tmp_path.glob("training/*/failure-*.safetensors")
+        train_physics(PhysicsTraining(**data, samples=64, **TINY), TrainingRun(out=str(tmp_path / "out.safetensors")))
+    (failure,) = tmp_path.glob("out.run/failure-*.safetensors")
     with safe_open(failure, "pt") as file:
         assert all(file.get_tensor(name).isfinite().all() for name in file.keys())  # noqa: SIM118
     assert not (tmp_path / "out.safetensors").exists()
@@ -175,25 +98,26 @@ def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monke
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"model": "magic"}, "no model 'magic'; valid: propnet, contact"),
-        ({"precision": "float16"}, "precision: must be float32 or bfloat16"),
-        ({"samples": 0}, "samples: must be at least 1"),
+        ({"model": "magic"}, "no network 'magic' to train; valid: propnet, contact"),
+        ({"precision": "float16"}, "precision: Input should be 'float32' or 'bfloat16', got 'float16'"),
+        ({"samples": 0}, "samples: Input should be greater than or equal to 1, got 0"),
         ({"data": "none.h5"}, "no such dataset: none.h5; make it with pushgraph generate"),
-        ({"learning_rate": float("nan")}, "learning_rate: must be positive"),
+        ({"learning_rate": float("nan")}, "learning_rate: Input should be"),
     ],
 )
 def test_settings_that_cannot_work_are_refused(change, says, data) -> None:
     with pytest.raises(TrainingError, match=says):
-        PhysicsTraining(**({"model": "contact"} | data | change))
+        PhysicsTraining(**data | change)
 
 
 def test_test_seeds_are_refused(data, tmp_path) -> None:
     columns = Columns.of([draw_trajectory("multiple-parts", 2, 1_000_000, 0)])
     recipe = Recipe(setup="multiple-parts", objects=2, seed=1_000_000, first=0, count=1)
     Dataset.write(tmp_path / "test.h5", recipe, [columns])
-    training = PhysicsTraining("contact", data=str(tmp_path / "test.h5"), validation=data["validation"], **TINY)
+    training = PhysicsTraining(data=str(tmp_path / "test.h5"), validation=data["validation"], **TINY)
     with pytest.raises(TrainingError, match="seeds from 1,000,000 on are for tests"):
-        train_physics(training, tmp_path, tmp_path / "out.safetensors")
+        train_physics(training, TrainingRun(out=str(tmp_path / "out.safetensors")))
+    assert not (tmp_path / "out.run").exists()
 
 
 def test_the_command_says_what_is_wrong(data, tmp_path, capsys) -> None:
@@ -243,7 +167,7 @@ def test_a_mirrored_scene_is_the_scene_of_the_mirrored_world() -> None:
 def test_a_window_becomes_the_example_of_what_followed(data) -> None:
     dataset = Dataset(data["data"])
     windows = WindowSampler(dataset, frames=5, batch=32, seed=0).batch(0)
-    example = ExampleMaker(dataset)(windows, torch.Generator().manual_seed(0))
+    example = ExampleMaker(dataset)(windows, Draws.of(0, 32))
     assert windows.push_start.any()
     assert not windows.push_start.all()
     for k in range(32):
@@ -266,7 +190,7 @@ def test_what_is_withheld_leaves_no_trace() -> None:
     scenes = [multiple_parts(np.random.default_rng(1), 5, 1).scene] * 400
     whole = batch_scenes(scenes)
     poses = torch.tensor(np.stack([scene.poses_world_from_body for scene in scenes]), dtype=torch.float32)
-    some = withhold(whole, poses, torch.Generator().manual_seed(0))
+    some = withhold(whole, poses, Draws.of(0, 400))
     hidden = ~some.relations.known
     assert not some.relations.kind[hidden].any()
     assert not some.relations.remembered[hidden].any()
@@ -286,7 +210,7 @@ def test_joints_of_a_body_whose_turning_was_not_seen_count_from_now() -> None:
     poses = torch.tensor(np.stack([scene.poses_world_from_body] * 64), dtype=torch.float32)
     blind = poses.clone()
     blind[..., 2] = torch.rand(64, 4) * whole.is_cylinder  # what the yaw was when it began nobody knows
-    some = withhold(whole, blind, torch.Generator().manual_seed(0))
+    some = withhold(whole, blind, Draws.of(0, 64))
     unseen, joined = ~some.yaw_known, some.relations.kind > 0
     a, b = pairs_of(4)
     from_now = joined & (unseen[:, a] | unseen[:, b])

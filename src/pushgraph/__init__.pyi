@@ -61,8 +61,9 @@ from pushgraph.tool import Part as Part
 from pushgraph.tool import Push as Push
 from pushgraph.tool import Tool as Tool
 from pushgraph.track import Track as Track
-from pushgraph.training.physics import PhysicsTraining as PhysicsTraining
 from pushgraph.training.physics import train_physics as train_physics
+from pushgraph.training.recipe import PhysicsTraining as PhysicsTraining
+from pushgraph.training.run import TrainingRun as TrainingRun
 from pushgraph.viewer.animation import save_animation as save_animation
 from pushgraph.viewer.picture import save_comparison as save_comparison
 from pushgraph.viewer.picture import save_picture as save_picture

@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
+from pushgraph.device import device_of, place_of
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
-from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, map_tensors, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.mass_chains import MassChains, MassPosterior
 from pushgraph.mass_memory import MassMemory
@@ -71,8 +72,9 @@ class BeliefModel:
         """Load a shipped belief by name, or the checkpoint in a file, with the physics weights below it.
 
         physics: their checkpoint; the shipped one by default. Raises CheckpointError if any part is not what it should
-        be.
+        be, and DeviceError if there is no such device.
         """
+        place = device_of(device)
         path = shipped(str(model)) if str(model) in BELIEFS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in BELIEFS:
@@ -83,7 +85,7 @@ class BeliefModel:
                 f"{path}: trained on other weights of {below.kind} than {physics or 'those shipped'}; name those it "
                 "was trained on, or train it anew"
             )
-        network, dynamics = (part.network.to(device).requires_grad_(False) for part in (checkpoint, below))
+        network, dynamics = (part.network.to(place).requires_grad_(False) for part in (checkpoint, below))
         return cls(cast(BeliefRecipe, network), cast(Foreseeing, dynamics), checkpoint.record)
 
     def expecting(self, prior: Mapping[str, float]) -> "BeliefModel":
@@ -116,6 +118,7 @@ class BeliefModel:
 
         classes: what bodies of unknown mass may weigh, of each scene; MASS_CLASSES by default.
         """
+        scenes, poses, tool, down, seen = self._moved((scenes, poses, tool, down, seen))
         view, frame = first_look(scenes, poses, tool, down, seen)
         batch, pairs = frame.in_sight.shape
         watch = Watch(
@@ -138,7 +141,17 @@ class BeliefModel:
         wrench: Float[Tensor, "batch 3"] | None = None,
     ) -> Watch:
         """One frame more. wrench: of the bodies on the tool (N, N m), NaN where it was not measured."""
+        poses, tool, down, seen = self._moved((poses, tool, down, seen))
+        wrench = None if wrench is None else self._moved((wrench,))[0]
         return self._learn(watch, *look(watch.view, poses, tool, down, seen, bodies_in_reach), wrench)
+
+    @property
+    def device(self) -> torch.device:
+        """What is computed on; inputs may be anywhere, masses are weighed on the processor."""
+        return place_of(self.network)
+
+    def _moved(self, inputs: Any) -> Any:
+        return tuple(map_tensors(lambda values: values.to(self.device), one) for one in inputs)
 
     def _begin_masses(
         self, scenes: SceneBatch, poses: Tensor, classes: Sequence[Sequence[MassClass]]

@@ -44,14 +44,14 @@ class BelievedJoint(NamedTuple):
         """Of the pair that stands in `row` of the places of one scene."""
         joint = cls(*names, kind, probability)
         if kind == "revolute":
-            anchor = pose.transform(pose_world_from_parent, places.anchor_a[0, row].numpy())
+            anchor = pose.transform(pose_world_from_parent, places.anchor_a[0, row].cpu().numpy())
             return joint._replace(
                 anchor=_pair(anchor),
                 anchor_spread=float(places.anchor_spread[0, row]),
                 reached=_pair(places.turned[0, row]),
             )
         if kind == "prismatic":
-            axis = pose.rotate(places.axis[0, row].numpy(), pose_world_from_parent[2])
+            axis = pose.rotate(places.axis[0, row].cpu().numpy(), pose_world_from_parent[2])
             spread = min(float(places.axis_spread[0, row]), math.pi / 2)
             return joint._replace(axis=_pair(axis), axis_spread=spread, reached=_pair(places.slid[0, row]))
         return joint

@@ -49,6 +49,14 @@ class TrainingError(PushGraphError):
     """A training cannot begin, go on, or trust its numbers."""
 
 
+class TrainingInterrupted(PushGraphError):
+    """A training was asked to stop, and did; says how to go on."""
+
+
+class DeviceError(PushGraphError):
+    """There is no such device here."""
+
+
 class PredictionError(PushGraphError):
     """A prediction is not possible, or came to nothing."""
 

@@ -12,8 +12,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph.checkpoint import load_checkpoint, shipped
+from pushgraph.device import device_of, place_of
 from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.graph.lever_batch import LeverState, start_lever
+from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack, frame_times
 from pushgraph.network.lever_dynamics import KNOTS, LEVERS, LeverDynamics
@@ -54,12 +56,18 @@ class LeverPredictor:
 
         Raises CheckpointError if there is no such file, or any part of it is not what it should be.
         """
+        place = device_of(device)
         path = shipped(str(model)) if str(model) in NETWORKS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in LEVERS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}; for scenes in space valid: {', '.join(LEVERS)}")
-        network = checkpoint.network.to(device).requires_grad_(False)
+        network = checkpoint.network.to(place).requires_grad_(False)
         return cls(cast(LeverDynamics, network), checkpoint.record, checkpoint.hash)
+
+    @property
+    def device(self) -> torch.device:
+        """What is computed on; inputs may be anywhere."""
+        return place_of(self.dynamics)
 
     def predict(self, scene: LeverScene) -> LeverTrack:
         """Predict the board frame by frame, as `simulate_lever` would record it."""
@@ -75,7 +83,8 @@ class LeverPredictor:
         frames = [len(frame_times(scene)) for scene in scenes]
         tool = torch.from_numpy(np.stack([tool_knots(scene, max(frames) - 1) for scene in scenes]))
         with torch.no_grad():
-            boards = rollout_lever(self.dynamics, start_lever(scenes), tool).numpy()
+            states = map_tensors(lambda values: values.to(self.device), start_lever(scenes))
+            boards = rollout_lever(self.dynamics, states, tool.to(self.device)).cpu().numpy()
         tracks = []
         for index, (scene, count) in enumerate(zip(scenes, frames, strict=True)):
             if not np.isfinite(boards[index, :count]).all():

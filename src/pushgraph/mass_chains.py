@@ -77,8 +77,8 @@ class MassPriors(NamedTuple):
         lowest[:, bodies, 0], highest[:, bodies, 0] = np.log(FRICTION)
         density[:, bodies, 0] = -math.log(FRICTION[1] - FRICTION[0])
         free = np.ones((batch, bodies + 1), bool)
-        free[:, :bodies] = (scenes.present & ~scenes.immovable & ~scenes.mass_known).numpy()
-        free[:, bodies] = ~scenes.table_friction_known.numpy()
+        free[:, :bodies] = (scenes.present & ~scenes.immovable & ~scenes.mass_known).cpu().numpy()
+        free[:, bodies] = ~scenes.table_friction_known.cpu().numpy()
         return cls(lowest, highest, density, free, order)
 
 
@@ -93,7 +93,7 @@ class MassChains(NamedTuple):
         """Samples of the prior."""
         priors = MassPriors.of(scenes, classes)
         batch, variables = priors.free.shape
-        known = torch.cat((scenes.mass.double(), scenes.table_friction.double()[:, None]), 1).log().numpy()
+        known = torch.cat((scenes.mass.double(), scenes.table_friction.double()[:, None]), 1).log().cpu().numpy()
         # The same numbers for every scene, whatever stands beside it.
         uniforms = np.random.default_rng(0).random((CHAINS, variables, 2))
         weights = np.exp(priors.density) * np.clip(np.exp(priors.highest) - np.exp(priors.lowest), 0, None)
@@ -111,7 +111,7 @@ class MassChains(NamedTuple):
         from pushgraph.network.compiled.mass_chains import tied
 
         free, bodies = self.priors.free, self.samples.shape[2] - 1
-        everyone = zip(evidence.information.numpy(), np.ones_like(free), strict=True)
+        everyone = zip(evidence.information.cpu().numpy(), np.ones_like(free), strict=True)
         return np.stack([tied(information, bodies, each) for information, each in everyone])
 
     def mean(self) -> Float[Tensor, "batch variables"]:
@@ -120,7 +120,7 @@ class MassChains(NamedTuple):
 
     def sweep(self, evidence: Evidence, changed: Bool[Tensor, " batch"], number: int) -> "MassChains":
         """Move the chains of some scenes once. number: of this move, which settles the random numbers."""
-        moved, _ = self._moved(evidence, changed.numpy(), 1, number)
+        moved, _ = self._moved(evidence, changed.cpu().numpy(), 1, number)
         return self._replace(samples=moved[-1])
 
     def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassPosterior:
@@ -133,7 +133,7 @@ class MassChains(NamedTuple):
         probabilities = np.take_along_axis(parts.sum(-1), self.priors.order[:, None], -1)
         quantiles = _quantiles(self.priors, parts)
         free = self.priors.free[:, :bodies]
-        known = scenes.mass.double().numpy()
+        known = scenes.mass.double().cpu().numpy()
         quantiles = [np.where(free, values, known) for values in quantiles]
         sliding = np.exp(samples[..., :bodies] + samples[..., bodies:]) * GRAVITY
         slides = np.quantile(sliding, LEVELS, axis=1)
@@ -152,7 +152,7 @@ class MassChains(NamedTuple):
         # Compiled code takes half a second to import.
         from pushgraph.network.compiled.mass_chains import sweep
 
-        information, pull = (values.detach().numpy() for values in evidence)
+        information, pull = (values.detach().cpu().numpy() for values in evidence)
         samples, (lowest, highest, density, free, _) = self.samples, self.priors
         batch, _, variables = samples.shape
         total = np.zeros((batch, variables - 1, lowest.shape[-1] * BINS))

@@ -153,7 +153,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     seen = Seen(poses, torch.full_like(nowhere, torch.nan))
     one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
-    return MassMemory(double(scenes), chains.mean(), tracked, kept, empty, empty, chains, 0)
+    return MassMemory(double(scenes), chains.mean().to(poses.device), tracked, kept, empty, empty, chains, 0)
 
 
 def observe(
@@ -182,7 +182,7 @@ def observe(
     batch = len(memory.log_mass)
     again = _next_kept(memory, telling)
     old = map_tensors(lambda values: values[again], memory.kept)
-    scene = torch.cat((torch.arange(batch), again // KEPT))
+    scene = torch.cat((torch.arange(batch, device=again.device), again // KEPT))
     moves = torch.cat((moving(motion, memory.tracked.sensitivity), old.moves))
     tracked = concatenate((memory.tracked, old.tracked))
     controls, both = concatenate((control, old.control)), concatenate((seen, old.seen))
@@ -196,7 +196,7 @@ def observe(
         _spread(memory.evidence)[scene],
         felt=bool(both.wrench.isfinite().any()),
     )
-    number = torch.full((batch,), memory.frames)
+    number = torch.full((batch,), memory.frames, device=scene.device)
     looked = Looked(
         *(scene, torch.cat((number, old.number)), linearized, tracked, both, log_mass),
         *(controls.motion[:, :2].norm(dim=-1), camera_of(frame)[scene]),
@@ -220,7 +220,7 @@ def observe(
     first = map_tensors(lambda values: values[:batch], linearized)
     after = track(memory.tracked, first, map_tensors(lambda values: values[:batch], off))
     chains = memory.chains.sweep(total, telling, memory.frames)
-    log_mass = torch.where(telling[:, None], chains.mean(), memory.log_mass)
+    log_mass = torch.where(telling[:, None], chains.mean().to(telling.device), memory.log_mass)
     after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
     after = rested(after, view, frame, ~telling[:, None])
     return MassMemory(memory.scenes, log_mass, after, kept, settled, total, chains, memory.frames)
@@ -293,7 +293,7 @@ def _next_kept(memory: MassMemory, telling: Bool[Tensor, " batch"]) -> Tensor:
     """Places of the kept frames whose turn it is, one of each scene that shows something."""
     filled = memory.kept.worth.unflatten(0, (-1, KEPT)) > 0
     place = torch.remainder(memory.frames, filled.sum(1).clamp(min=1))
-    places = place + KEPT * torch.arange(len(filled))
+    places = place + KEPT * torch.arange(len(filled), device=filled.device)
     return places[telling & filled.any(1)]
 
 
@@ -301,7 +301,7 @@ def _keep(kept: Kept, settled: Evidence, newest: Kept, telling: Bool[Tensor, " b
     """Keep the newest frame in the place of the least telling; what tells least is settled."""
     batch = len(telling)
     least, place = kept.worth.unflatten(0, (batch, KEPT)).min(1)
-    places = place + KEPT * torch.arange(batch)
+    places = place + KEPT * torch.arange(batch, device=place.device)
     enters = telling & (newest.worth > TELLING) & (newest.worth > least)
 
     def settle(old: Tensor, leaving: Tensor, new: Tensor) -> Tensor:

@@ -13,13 +13,14 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from safetensors.torch import save
-from torch import Tensor, nn
+from torch import Tensor
 
 from pushgraph.array_input import Values, checked
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
+from pushgraph.device import device_of, place_of
 from pushgraph.errors import AssumptionWarning, CheckpointError, PredictionError, SceneError
-from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index
+from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, map_tensors, pair_index
 from pushgraph.graph.state import State, start
 from pushgraph.graph.steps import plan_steps
 from pushgraph.graph.track_features import default_doubt, doubt_of
@@ -155,27 +156,33 @@ class PhysicsPredictor:
     ) -> "PhysicsPredictor":
         """Load a shipped predictor by name, or the checkpoint in a file.
 
-        precision: what the network computes in: "float32", "bfloat16", or "auto" for what is faster on this machine.
+        device: cpu, cuda or cuda:N; inputs are moved there. precision: what the network computes in: "float32",
+        "bfloat16", or "auto" for what is faster on this machine.
         What is solved, as by `contact`, is solved in float64 whatever this says.
         spread: the checkpoint that states how far off predictions may be, by name or file.
-        Raises CheckpointError if there is no such file, or any part of it is not what it should be, and
-        PredictionError if there is no such precision.
+        Raises CheckpointError if there is no such file, or any part of it is not what it should be, DeviceError if
+        there is no such device, and PredictionError if there is no such precision.
         """
         if precision not in (*PRECISIONS, "auto"):
             raise PredictionError(f"no precision {precision!r}; valid: {', '.join(PRECISIONS)}, auto")
+        place = device_of(device)
         precision = fastest_precision(device) if precision == "auto" else precision
         path = shipped(str(model)) if str(model) in MODELS and not Path(model).is_file() else Path(model)
         checkpoint = load_checkpoint(path)
         if checkpoint.kind not in DYNAMICS:
             raise CheckpointError(f"{path}: holds {checkpoint.kind!r}, no predictor; valid: {', '.join(DYNAMICS)}")
-        network = checkpoint.network.to(device, PRECISIONS[precision]).requires_grad_(False)
+        network = checkpoint.network.to(place, PRECISIONS[precision]).requires_grad_(False)
         return cls(cast(Dynamics, network), checkpoint.record, checkpoint.hash, spread)
+
+    @property
+    def device(self) -> torch.device:
+        """What is computed on; inputs may be anywhere."""
+        return place_of(self.dynamics)
 
     @functools.cached_property
     def spread_model(self) -> SpreadModel:
         """What states the spread of these weights; raises CheckpointError if its checkpoint is of others."""
-        device = next(self.dynamics.parameters()).device if isinstance(self.dynamics, nn.Module) else "cpu"
-        return SpreadModel.load(self._spread, self.hash, device)
+        return SpreadModel.load(self._spread, self.hash, self.device)
 
     @property
     def states_spread(self) -> bool:
@@ -198,7 +205,7 @@ class PhysicsPredictor:
         poses = torch.zeros(*batch.mass.shape, 3, dtype=torch.float64)
         for k, scene in enumerate(scenes):
             poses[k, : len(scene.bodies)] = torch.from_numpy(scene.poses_world_from_body)
-        return start(batch, poses).double()
+        return map_tensors(lambda values: values.to(self.device), start(batch, poses).double())
 
     def rollout(
         self,
@@ -224,6 +231,7 @@ class PhysicsPredictor:
         """
         if doubt is not None and not spread:
             raise PredictionError("doubt: widens the spread alone, so it needs spread=True")
+        states = map_tensors(lambda values: values.to(self.device), states)
         like, batch = states.poses, len(states.poses)
         tool = checked("tool", tool, (batch, "frames", 3), "real", like)
         frames = tool.shape[1]
@@ -326,12 +334,13 @@ class PhysicsPredictor:
                 None if beliefs is None else _doubt(states, scenes, beliefs),
                 [scene.model_copy(update={"pushes": ()}) for scene in scenes] if share else None,
             )
-        self._check_finite(predicted.poses, tool)
+        predicted_poses, predicted_tool = predicted.numpy()
+        self._check_finite(predicted_poses, tool)
         stated = None if predicted.spread is None else predicted.spread.numpy()
         tracks = []
         for k, (scene, (_, push)) in enumerate(zip(scenes, plans, strict=True)):
-            tool_poses = predicted.tool[k, : len(push)].numpy()
-            bodies = taken_apart[k].body_poses(predicted.poses[k, : len(push)].numpy())
+            tool_poses = predicted_tool[k, : len(push)]
+            bodies = taken_apart[k].body_poses(predicted_poses[k, : len(push)])
             tracks.append(
                 Track(
                     scene=scene,
@@ -345,15 +354,15 @@ class PhysicsPredictor:
             )
         return tracks
 
-    def _check_finite(self, poses: Tensor, tool: np.ndarray) -> None:
-        bad = ~poses.isfinite().all(-1)
-        if not bad.any():
+    def _check_finite(self, poses: np.ndarray, tool: np.ndarray) -> None:
+        bad = np.argwhere(~np.isfinite(poses).all(-1))
+        if not len(bad):
             return
-        scene, frame, body = bad.nonzero()[bad.nonzero()[:, 1].argmin()].tolist()
+        scene, frame, body = bad[bad[:, 1].argmin()].tolist()
         path = cache_folder() / "failures" / "rollout.safetensors"
         with replacing(path) as temporary:
             state = {
-                "poses": poses[scene, : frame + 1].contiguous(),
+                "poses": torch.from_numpy(poses[scene, : frame + 1]),
                 "tool": torch.from_numpy(tool[scene, : frame + 1]),
             }
             temporary.write_bytes(save(state))
@@ -405,6 +414,7 @@ def _doubt(states: State, scenes: Sequence[Scene], beliefs: Sequence[Beliefs]) -
     """Probability that what a scene takes for the joint of a pair is wrong."""
     if len(beliefs) != len(scenes):
         raise PredictionError(f"beliefs: one mapping a scene is needed, {len(scenes)}; got {len(beliefs)}")
+    states = map_tensors(lambda values: values.cpu(), states)
     relations, bodies = states.relations, states.scenes.mass.shape[1]
     doubt = default_doubt(relations)
     probabilities, believed = torch.zeros(*doubt.shape, len(JOINT_CODES)), torch.zeros_like(doubt, dtype=torch.bool)

@@ -147,7 +147,7 @@ class BeliefRegulator:
     def probabilities(self) -> Float[np.ndarray, "pairs joints"]:
         """Of every joint of every pair, as it is believed now."""
         with single_threaded():
-            everything = self.model.probabilities(self._watched)[0].double().numpy()
+            everything = self.model.probabilities(self._watched)[0].double().cpu().numpy()
         return everything[: len(self.pairs)]
 
     def scene(self) -> Scene:
@@ -161,7 +161,7 @@ class BeliefRegulator:
         kind = self.model.probabilities(self._watched).argmax(-1)
         relations = believe(state, kind, view.fits).relations
         masses = {mass.body: mass.mass[0] for mass in self.masses()}
-        poses = parted(self.original, state.poses[0, : len(self.original.bodies)].numpy())
+        poses = parted(self.original, state.poses[0, : len(self.original.bodies)].cpu().numpy())
         bodies = tuple(
             body.replace(pose_world_from_body=tuple(place), mass=masses.get(body.name, body.mass))
             for body, place in zip(self.original.bodies, poses.tolist(), strict=True)
@@ -175,8 +175,8 @@ class BeliefRegulator:
         """Where the joints sit that are believed now: of every pair that is likelier joined than not, and not given."""
         view, probabilities = self._watched.view, self.probabilities
         places = joint_places(view.state, view.fits)
-        relations, poses = view.state.relations, view.state.poses[0].numpy()
-        unknown = (relations.remembered & ~relations.known)[0, : len(self.pairs)].numpy()
+        relations, poses = view.state.relations, view.state.poses[0].cpu().numpy()
+        unknown = (relations.remembered & ~relations.known)[0, : len(self.pairs)].cpu().numpy()
         kinds = list(JOINT_CODES)
         parents = pairs_of(self._scenes.mass.shape[1])[0].tolist()
         return [
@@ -267,7 +267,7 @@ class BeliefRegulator:
                 continue
             kind = kinds[int(relations.kind[0, pair])]
             anchor_a, anchor_b, axis_a, limits = (
-                values[0, pair].double().numpy()
+                values[0, pair].double().cpu().numpy()
                 for values in (relations.anchor_a, relations.anchor_b, relations.axis, relations.limits)
             )
             anchor, axis = pose.transform(poses[a], anchor_a), pose.rotate(axis_a, poses[a, 2])

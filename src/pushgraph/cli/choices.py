@@ -77,13 +77,6 @@ class Risk(StrEnum):
     PERCENTILE = "percentile"
 
 
-class Precision(StrEnum):
-    """What networks compute in."""
-
-    FLOAT32 = "float32"
-    BFLOAT16 = "bfloat16"
-
-
 class BeliefSetup(StrEnum):
     """Setups that beliefs are measured in."""
 

@@ -155,7 +155,8 @@ def contact_graph(state: State, control: Control) -> ContactGraph:
     state, control = state.double(), control.double()
     reach = reachable(state, control)
     scenes = state.scenes
-    frames = torch.as_tensor(control.frames, dtype=reach.length.dtype).to(reach.length).expand_as(reach.length)
+    length = reach.length
+    frames = torch.as_tensor(control.frames, dtype=length.dtype, device=length.device).expand_as(length)
     halfway = state.motions * (frames / 2)[:, None, None]
     halfway = halfway.masked_fill(scenes.immovable[..., None], 0.0)
     middle = state._replace(poses=state.poses + halfway)
@@ -241,14 +242,14 @@ def _nodes(
     is_tool = piece == bodies
     body = scene * bodies + piece.clamp(max=bodies - 1)
     mass, gyration = (_rows(values, body) for values in (pieces.mass, pieces.gyration))
-    limit = torch.as_tensor(control.force_limit, dtype=mass.dtype).to(mass).expand_as(reach.length)
+    limit = torch.as_tensor(control.force_limit, dtype=mass.dtype, device=mass.device).expand_as(reach.length)
     limited = limit.isfinite() & (control.motion[:, :2] != 0).any(-1)
     given = torch.where(is_tool, ~limited[scene], _rows(pieces.immovable, body))
     is_free = ~(given | is_tool)
     total = torch.zeros_like(reach.length).index_add(0, scene, torch.where(is_free, mass, 0.0))
     could_push = limit / (GRAVITY * scenes.table_friction)
     total = torch.where(limited, torch.maximum(total, could_push), total).clamp(min=1e-9).index_select(0, scene)
-    last_frames = torch.as_tensor(control.last_frames, dtype=frames.dtype).to(frames).expand_as(frames)
+    last_frames = torch.as_tensor(control.last_frames, dtype=frames.dtype, device=frames.device).expand_as(frames)
     times = (reach.length, frames * FRAME, last_frames * FRAME)
     step, time, last_time = (values.index_select(0, scene) for values in times)
     unit = step.new_tensor([1.0, 1.0, LEVER])[:, None] / step
@@ -298,7 +299,7 @@ def _drives(control: Control, nodes: Nodes) -> Drives:
     node = (nodes.is_tool & ~nodes.given).nonzero().squeeze(-1)
     way = nodes.last_twist[:2, node]
     length = way.norm(dim=0)
-    limit = torch.as_tensor(control.force_limit, dtype=length.dtype).to(length).expand(len(control.pose))
+    limit = torch.as_tensor(control.force_limit, dtype=length.dtype, device=length.device).expand(len(control.pose))
     return Drives(node, way / length, length, limit[nodes.scene[node]] / nodes.force[node])
 
 

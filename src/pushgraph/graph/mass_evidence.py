@@ -99,10 +99,10 @@ def linearize(
     row, body = taking_part.nonzero(as_tuple=True)
     scale = rows.poses.new_tensor([1.0, 1.0, LEVER])
     step = spread[row, body]
-    everyone = torch.cat((torch.arange(count), row, row))
+    everyone = torch.cat((torch.arange(count, device=row.device), row, row))
     masses, poses = log_mass[everyone], rows.poses[everyone]
     offset = rows.carried[row, :, :, body] / scale * step[:, None, None]
-    varied = torch.arange(count, len(everyone))
+    varied = torch.arange(count, len(everyone), device=row.device)
     masses[varied, body.repeat(2)] += torch.cat((step, -step))
     offset = torch.cat((torch.zeros_like(rows.poses), offset, -offset))
     scene = rows.scene[everyone]

@@ -1,12 +1,9 @@
 """Training of belief regulation."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, NamedTuple, cast
+from collections.abc import Callable
+from typing import NamedTuple, cast
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
@@ -14,17 +11,19 @@ from torch.nn import functional
 
 from pushgraph.belief import load_physics, watch_windows
 from pushgraph.dataset.sequences import SequenceSampler
-from pushgraph.errors import TrainingError
 from pushgraph.graph.joint_truth import adjacent_pairs, touched_pairs, true_joints, unaware
-from pushgraph.graph.scene_batch import batch_scenes
+from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.network.belief_network import BELIEFS, BeliefNetwork, BeliefRecipe, Rows
 from pushgraph.network.contract import Foreseeing
 from pushgraph.scene_range import range_of
-from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.conduct import conduct, nothing, open_dataset
 from pushgraph.training.masses import Weighed, mass_loss, weighed
 from pushgraph.training.processes import Processes
-from pushgraph.training.recipe import Training
+from pushgraph.training.recipe import BeliefTraining
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.running import Progress
+from pushgraph.training.seeds import seed_of
+from pushgraph.training.validation import Rollouts, validation_tracks
 from pushgraph.training.watching import NOISE, Watched, watched
 
 LAST_WEIGHT = 2.0
@@ -40,56 +39,16 @@ MASS_SHARE = 2
 """Sequences about joints for each one about masses."""
 
 
-@dataclass(frozen=True)
-class BeliefTraining(Training):
-    """What decides a training of belief regulation. A sample is one observed frame of one sequence.
-
-    physics: checkpoint of the physics network that it stands on; by default the shipped one. masses,
-    masses_validation: data in which masses are to be learnt; without them what is known of that stays as it is.
-    keep_joints: whether what is known of joints stays as it is.
-    """
-
-    TASK: ClassVar[str] = "belief"
-    MODELS: ClassVar[Mapping[str, type[BeliefRecipe]]] = BELIEFS
-    VALIDATIONS: ClassVar[int] = 12
-    FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics", "masses", "masses_validation")
-
-    samples: int = 10_000_000
-    frames: int = 200
-    batch: int = 16
-    learning_rate: float = 2e-3
-    hidden: int = 64
-    physics: str | None = None
-    masses: str | None = None
-    masses_validation: str | None = None
-    keep_joints: bool = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.masses is None) != (self.masses_validation is None):
-            raise TrainingError("masses and masses_validation: give both or neither")
-        for name in ("masses", "masses_validation"):
-            path = getattr(self, name)
-            if path is not None and not Path(path).is_file():
-                raise TrainingError(
-                    f"{name}: no such dataset: {path}; make it with pushgraph generate different-masses"
-                )
-        if self.masses is not None and self.model != "belief":
-            raise TrainingError(f"masses: {self.model} knows no masses; only belief learns them")
-        if self.keep_joints and (self.masses is None or self.start_from is None):
-            raise TrainingError("keep_joints: needs masses to learn, and start_from, whose joints are kept")
-
-
 class Answers(NamedTuple):
     """Log-odds after every frame of windows, for the pairs that ever had memory, and from when on they had it.
 
-    restless: mean squared change of the memory of pairs, summed over its numbers.
+    restless: squared change of the memory of pairs, summed over its numbers, in every frame after the first.
     """
 
     rows: Rows
     log_odds: Float[Tensor, "frames rows joints"]
     begun: Bool[Tensor, "frames rows"]
-    restless: Float[Tensor, ""]
+    restless: Float[Tensor, "frames_after_first rows 2"]
 
 
 def answers(network: BeliefRecipe, dynamics: Foreseeing, seen: Watched) -> Answers:
@@ -97,19 +56,29 @@ def answers(network: BeliefRecipe, dynamics: Foreseeing, seen: Watched) -> Answe
     rows, active, memories = watch_windows(network, dynamics, seen.scenes, seen.poses, seen.tool, seen.down, seen.seen)
     log_odds = torch.stack([network.answer(memory, rows) for memory in memories])
     relations = torch.stack([memory.relations for memory in memories])
-    restless = relations.diff(dim=0).square().sum(-1).mean()
+    restless = relations.diff(dim=0).square().sum(-1)
     return Answers(rows, log_odds, active.cumsum(0) > 0, restless)
 
 
-def belief_loss(network: BeliefRecipe, dynamics: Foreseeing, seen: Watched) -> Float[Tensor, ""]:
-    """Cross-entropy of the answers, growing in weight with time, and what keeps memories smooth."""
+def belief_loss(
+    network: BeliefRecipe,
+    dynamics: Foreseeing,
+    seen: Watched,
+    mean: Callable[[Tensor], Tensor] = lambda weight: weight,
+) -> Float[Tensor, ""]:
+    """Cross-entropy of the answers, growing in weight with time, and what keeps memories smooth.
+
+    mean: over the processes that share the batch, of what is divided by.
+    """
     told = answers(network, dynamics, seen)
     frames = len(told.log_odds)
     growing = torch.linspace(0, LAST_WEIGHT, frames, device=told.log_odds.device)
     weight = growing[:, None] * told.begun * seen.lasts[told.rows.scene].T
     joint = seen.joint[told.rows.scene, told.rows.pair].expand(frames, -1)
     surprise = functional.cross_entropy(told.log_odds.flatten(0, 1).float(), joint.flatten(), reduction="none")
-    return (surprise * weight.flatten()).sum() / weight.sum().clamp(min=1e-9) + SMOOTH * told.restless
+    counts = torch.stack((weight.sum(), weight.new_tensor(float(told.restless.numel()))))
+    answered, changes = mean(counts).clamp(min=1e-9)
+    return (surprise * weight.flatten()).sum() / answered + SMOOTH * told.restless.sum() / changes
 
 
 class BeliefTask:
@@ -126,27 +95,24 @@ class BeliefTask:
     )
 
     def __init__(self, training: BeliefTraining, processes: Processes, device: torch.device) -> None:
-        self._training, self._rank, self._device = training, processes.rank, device
+        self._training, self._processes, self._device = training, processes, device
         data, validation = open_dataset(training.data), open_dataset(training.validation)
         self.range = range_of(data.scene(k) for k in range(len(data)))
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
-        share = max(1, training.batch // processes.count)
-        self._sampler = SequenceSampler(data, training.frames, share, training.seed * 1000 + processes.rank)
+        seed = seed_of("sequences", seed=training.seed)
+        self._sampler = SequenceSampler(data, training.frames, training.batch, seed)
         below = load_physics(BELIEFS[training.model].PHYSICS, training.physics)
         self.physics = below.hash
         self._dynamics = cast(Foreseeing, below.network.to(device).requires_grad_(False))
-        count = min(len(validation), VALIDATION_SCENES)
-        tracks = [validation[k] for k in range(processes.rank, count, processes.count)]
-        frames = min(VALIDATION_FRAMES, *(len(track.times) for track in tracks))
-        scenes = batch_scenes([track.scene for track in tracks])
-        poses = torch.tensor(np.stack([track.poses[:frames] for track in tracks]), dtype=torch.float32)
-        down = torch.tensor(np.stack([track.down[:frames] for track in tracks]))
+        tracks = validation_tracks(validation, processes, VALIDATION_SCENES)
+        scenes, poses, down, lasts = Rollouts.of(tracks, VALIDATION_FRAMES)
         tool, bodies = poses[:, :, 0], poses[:, :, 1:]
-        noise = torch.randn(bodies.shape, generator=torch.Generator().manual_seed(processes.rank))
+        generator = torch.Generator().manual_seed(seed_of("validation noise", rank=processes.rank))
+        noise = torch.randn(bodies.shape, generator=generator)
         everything = torch.ones(bodies.shape[:3], dtype=torch.bool)
         self._adjacent = adjacent_pairs(scenes, bodies[:, 0]).to(device)
         self._touched = touched_pairs(self._adjacent, bodies.to(device))
-        self._masses, self._masses_validation = self._open_masses(share)
+        self._masses, self._masses_validation = self._open_masses()
         self._validation = [
             Watched(
                 unaware(scenes),
@@ -154,73 +120,82 @@ class BeliefTask:
                 tool,
                 down,
                 everything,
-                torch.ones_like(down),
+                lasts,
                 true_joints(scenes),
             ).to(device)
             for size in (0.0, 1.0)
         ]
 
-    def _open_masses(self, share: int) -> tuple[SequenceSampler | None, list[Weighed]]:
+    def _open_masses(self) -> tuple[SequenceSampler | None, list[Weighed]]:
         """What masses are learnt from, and what that is validated on."""
-        training = self._training
+        training, rank = self._training, self._processes.rank
         if training.masses is None or training.masses_validation is None:
             return None, []
-        batch = max(1, share // MASS_SHARE)
+        batch = max(self._processes.count, training.batch // MASS_SHARE)
         data, validation = open_dataset(training.masses), open_dataset(training.masses_validation)
-        sampler = SequenceSampler(data, MASS_FRAMES, batch, training.seed * 1000 + self._rank)
-        fixed = SequenceSampler(validation, MASS_FRAMES, MASS_VALIDATION // 2, self._rank)
-        generator = torch.Generator().manual_seed(self._rank)
+        sampler = SequenceSampler(data, MASS_FRAMES, batch, seed_of("masses", seed=training.seed))
+        fixed = SequenceSampler(validation, MASS_FRAMES, MASS_VALIDATION // 2, seed_of("mass validation", rank=rank))
+        generator = torch.Generator().manual_seed(seed_of("mass validation noise", rank=rank))
         return sampler, [weighed(fixed.batch(k), generator) for k in range(2)]
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Loss of the step's sequences."""
         losses = [] if self._training.keep_joints else [self._loss_of_joints(network, step)]
         if self._masses is not None:
-            generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 3)) % 2**63)
-            tracks = weighed(self._masses.batch(step), generator)
-            losses.append(self._loss_of_masses(network, tracks))
+            whole = weighed(self._masses.batch(step), self._generator("weighed", step))
+            share = self._processes.share(len(whole.true))
+            tracks = map_tensors(lambda values: values[share], whole)
+            of_batch = len(tracks.true) * self._processes.count / len(whole.true)
+            losses.append(self._loss_of_masses(network, tracks) * of_batch)
         return torch.stack(losses).sum()
+
+    def _generator(self, purpose: str, step: int) -> torch.Generator:
+        return torch.Generator().manual_seed(seed_of(purpose, seed=self._training.seed, step=step))
 
     def _loss_of_masses(self, network: nn.Module, tracks: Weighed) -> Tensor:
         noise = cast(BeliefNetwork, network).mass_noise
         assert noise is not None
-        return mass_loss(noise, self._dynamics, tracks).float()
+        here = map_tensors(lambda values: values.to(self._device), tracks)
+        return mass_loss(noise, self._dynamics, here).float()
 
     def _loss_of_joints(self, network: nn.Module, step: int) -> Tensor:
-        generator = torch.Generator().manual_seed(hash((self._training.seed, self._rank, step, 2)) % 2**63)
-        seen = watched(self._sampler.batch(step), generator).to(self._device)
+        whole = watched(self._sampler.batch(step), self._generator("watched", step))
+        share = self._processes.share(self._training.batch)
+        seen = map_tensors(lambda values: values[share], whole).to(self._device)
         half = self._training.precision == "bfloat16"
         with torch.autocast(self._device.type, torch.bfloat16, enabled=half):
-            return belief_loss(cast(BeliefRecipe, network), self._dynamics, seen)
+            return belief_loss(cast(BeliefRecipe, network), self._dynamics, seen, self._processes.mean)
 
-    def validate(self, network: nn.Module) -> Tensor:
-        """Means over pairs of `numbers`, and a one to divide by."""
+    def validate(self, network: nn.Module) -> Float[Tensor, "2 numbers"]:
+        """Sums over pairs of `numbers`, and how many pairs there are; of the first all, after the last frame seen."""
         surprise, wrong = [], []
         for seen in self._validation:
             told = answers(cast(BeliefRecipe, network), self._dynamics, seen)
             joint = seen.joint[told.rows.scene, told.rows.pair]
             adjacent = self._adjacent[told.rows.scene, told.rows.pair]
-            for frame in (frame for frame in VALIDATED if frame <= len(told.log_odds)):
+            for frame in VALIDATED:
+                # Where trajectories are shorter, their last frame stands for it.
+                frame = min(frame, len(told.log_odds))
                 log_odds = told.log_odds[frame - 1].float()
-                surprise.append(functional.cross_entropy(log_odds[adjacent], joint[adjacent]))
+                losses = functional.cross_entropy(log_odds[adjacent], joint[adjacent], reduction="sum")
+                surprise.append(torch.stack((losses, adjacent.sum().to(losses.dtype))))
                 touched = self._touched[told.rows.scene, frame - 1, told.rows.pair]
-                if frame in (40, 200):
-                    wrong.append((log_odds.argmax(-1) != joint)[touched].float().mean())
-        wrong += [torch.zeros((), device=self._device)] * (len(self.numbers) - 3 - len(wrong))
-        nll = torch.stack(surprise).mean()
-        masses = nll.new_zeros(())
+                failed = (log_odds.argmax(-1) != joint)[touched].to(losses.dtype)
+                wrong.append(torch.stack((failed.sum(), failed.new_tensor(float(len(failed))))))
+        of_touched = [wrong[VALIDATED.index(frame) + offset] for offset in (0, len(VALIDATED)) for frame in (40, 200)]
+        nll, masses = torch.stack(surprise).sum(0), surprise[0].new_zeros(2)
         if self._masses_validation:
-            losses = [self._loss_of_masses(network, tracks) for tracks in self._masses_validation]
-            masses = torch.stack(losses).mean().to(nll.dtype)
-        return torch.stack([nll + masses, masses, nll, *wrong, torch.ones((), device=self._device)])
+            each = torch.stack([self._loss_of_masses(network, tracks) for tracks in self._masses_validation])
+            masses = torch.stack((each.mean().to(nll.dtype), nll.new_ones(())))
+        total = torch.stack((nll[0] + masses[0] * nll[1], nll[1]))  # of means
+        return torch.stack([total, masses, nll, *of_touched], 1)
 
 
 def train_belief(
     training: BeliefTraining,
-    cache: Path,
-    out: Path,
-    device: str = "cpu",
-    tell: Callable[[Progress, float], None] = lambda now, loss: None,
+    run: TrainingRun,
+    tell: Callable[[Progress, float], None] = nothing,
+    say: Callable[[str], None] = nothing,
 ) -> Progress | None:
     """Train a belief network; see `conduct`."""
-    return conduct(training, BeliefTask, cache, out, device, tell)
+    return conduct(training, BeliefTask, run, tell, say)

@@ -21,6 +21,7 @@ from pushgraph.graph.scene_batch import (
 )
 from pushgraph.graph.state import ADJACENT, Control, State, controls
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
+from pushgraph.training.share import Draws
 
 FARTHEST = 0.025
 """Windows in which the tool moves farther than this in a step (m) do not count."""
@@ -45,7 +46,7 @@ class ExampleMaker:
         self._device = device
         self._scenes = batch_scenes([dataset.scene(k) for k in range(len(dataset))]).to(device)
 
-    def __call__(self, windows: WindowBatch, generator: torch.Generator, frames_per_step: int = 1) -> Example:
+    def __call__(self, windows: WindowBatch, draws: Draws, frames_per_step: int = 1) -> Example:
         """The first frame of a window only tells the motion at its second, where prediction starts.
 
         At the start of a push everything rests: there the window's first frame stands for both.
@@ -55,12 +56,12 @@ class ExampleMaker:
         missing = 1 + scenes.mass.shape[1] - windows.poses.shape[2]
         poses = functional.pad(torch.from_numpy(windows.poses).to(device), (0, 0, 0, missing))
         initial = functional.pad(torch.from_numpy(windows.initial_poses).to(device), (0, 0, 0, missing))[:, 1:]
-        sign = 1.0 - 2.0 * torch.randint(2, (len(poses),), generator=generator).to(device)
+        sign = draws.signs().to(device)
         scenes, poses, initial = mirror_scenes(scenes, sign), mirror(poses, sign), mirror(initial, sign)
         rests = torch.from_numpy(windows.push_start).to(device)[:, None, None, None]
         poses = torch.where(rests, torch.cat((poses[:, :1], poses[:, :-1]), 1), poses)
         tool, bodies = poses[:, :, 0], poses[:, :, 1:]
-        scenes = withhold(scenes, bodies[:, 1], generator)
+        scenes = withhold(scenes, bodies[:, 1], draws)
         relations = remember(scenes, scenes.relations, initial, ADJACENT)
         relations = remember(scenes, relations, bodies[:, 1], ADJACENT)
         state = State(scenes, bodies[:, 1], bodies[:, 1] - bodies[:, 0], relations)
@@ -105,17 +106,17 @@ def mirror_scenes(scenes: SceneBatch, sign: Float[Tensor, " batch"]) -> SceneBat
     )
 
 
-def withhold(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], generator: torch.Generator) -> SceneBatch:
+def withhold(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], draws: Draws) -> SceneBatch:
     """Withhold some knowledge, so that the networks learn to do without it.
 
     Of a scene's joints, or its masses, either all or each with an even chance.
     """
-    batch, bodies = poses.shape[:2]
+    bodies = poses.shape[1]
 
     def drawn_share(*shape: int) -> Bool[Tensor, "..."]:
-        chosen = torch.rand(batch, *[1] * len(shape), generator=generator) < WITHHELD
-        all_of_it = torch.rand(batch, *[1] * len(shape), generator=generator) < 0.5
-        drawn = chosen & (all_of_it | (torch.rand(batch, *shape, generator=generator) < 0.5))
+        one = [1] * len(shape)
+        chosen, all_of_it = draws.uniform(*one) < WITHHELD, draws.uniform(*one) < 0.5
+        drawn = chosen & (all_of_it | (draws.uniform(*shape) < 0.5))
         return drawn.to(poses.device)
 
     scenes = hide_relations(scenes, drawn_share(scenes.relations.kind.shape[1]))

@@ -1,10 +1,8 @@
 """Training of the prediction of boards that are levered up."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, NamedTuple, cast
+from collections.abc import Callable
+from typing import NamedTuple, cast
 
 import numpy as np
 import torch
@@ -17,13 +15,15 @@ from pushgraph.errors import TrainingError
 from pushgraph.graph.lever_batch import LeverBatch, LeverState, batch_lever_scenes, displacement
 from pushgraph.lever_physics import rollout_lever, tool_knots
 from pushgraph.network.body_step import REST
-from pushgraph.network.lever_dynamics import KNOTS, LEVERS, LeverDynamics
+from pushgraph.network.lever_dynamics import KNOTS, LeverDynamics
 from pushgraph.scene_range import range_of
 from pushgraph.track_frames import FRAME
-from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.conduct import conduct, nothing, open_dataset
 from pushgraph.training.processes import Processes
-from pushgraph.training.recipe import Training
+from pushgraph.training.recipe import LeverTraining
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.running import Progress
+from pushgraph.training.validation import validation_indices
 
 UNIT = 1e-3
 """Errors are counted in this (m)."""
@@ -33,34 +33,6 @@ SMOOTH = 0.01
 """Errors below this many units count quadratically."""
 CHAOS = 5.0
 """Errors of about this many units and more count little: there the board has slipped off, or has not."""
-
-
-@dataclass(frozen=True)
-class LeverTraining(Training):
-    """What decides a training of boards. A sample is one predicted frame of one window."""
-
-    TASK: ClassVar[str] = "lever-up"
-    MODELS: ClassVar[Mapping[str, type[LeverDynamics]]] = LEVERS
-    VALIDATIONS: ClassVar[int] = 10
-
-    samples: int = 200_000
-    frames: int = 4
-    batch: int = 64
-    learning_rate: float = 1e-3
-    hidden: int = 64
-    propagation_steps: int = 2
-    interactions: int | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, value in (("propagation_steps", self.propagation_steps), ("interactions", self.interactions)):
-            if value is not None and value < 1:
-                raise TrainingError(f"{name}: must be at least 1, got {value}")
-
-    @property
-    def config(self) -> dict[str, int]:
-        """Config of the network."""
-        return {"hidden": self.hidden, "steps": self.propagation_steps}
 
 
 class Interactions(NamedTuple):
@@ -89,8 +61,7 @@ class LeverTask:
     physics: str | None = None
 
     def __init__(self, training: LeverTraining, processes: Processes, device: torch.device) -> None:
-        self._training, self._rank = training, processes.rank
-        self.range: dict[str, list[float]] = {}
+        self._training, self._processes = training, processes
         data = open_dataset(training.data, LeverDataset)
         count = len(data) if training.interactions is None else min(training.interactions, len(data))
         self.data_recipe = dataclasses.asdict(data.recipe) | {"interactions": count}
@@ -98,18 +69,19 @@ class LeverTask:
         self.range = range_of(data.scene(k) for k in range(count))
         validation = open_dataset(training.validation, LeverDataset)
         self.validation_recipe = dataclasses.asdict(validation.recipe)
-        self._validation = Interactions.of(validation, range(processes.rank, len(validation), processes.count), device)
-        self._share = max(1, training.batch // processes.count)
+        indices = validation_indices(len(validation), validation.path, processes)
+        self._validation = Interactions.of(validation, indices, device)
         if self._data.boards.shape[1] <= training.frames:
             raise TrainingError(f"frames: at most {self._data.boards.shape[1] - 1} are in the data")
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Mean distance of predicted from true poses in windows that start anywhere."""
-        rng = np.random.default_rng([self._training.seed, self._rank, step])
+        rng = np.random.default_rng([self._training.seed, step])
         scenes, boards, tool = self._data
-        frames, device = self._training.frames, boards.device
-        index = torch.from_numpy(rng.integers(len(boards), size=self._share)).to(device)[:, None]
-        first = torch.from_numpy(rng.integers(boards.shape[1] - frames, size=self._share)).to(device)[:, None]
+        frames, batch, device = self._training.frames, self._training.batch, boards.device
+        share = self._processes.share(batch)
+        drawn = [rng.integers(most, size=batch)[share] for most in (len(boards), boards.shape[1] - frames)]
+        index, first = (torch.from_numpy(one).to(device)[:, None] for one in drawn)
         window = boards[index, first + torch.arange(frames + 1, device=device)]
         before = boards[index, (first - 1).clamp(min=0)][:, 0]
         state = LeverState(scenes.take(index[:, 0]), window[:, 0], velocity_between(before, window[:, 0]))
@@ -117,10 +89,10 @@ class LeverTask:
         predicted = rollout_lever(cast(LeverDynamics, network), state, ways)
         error = _distance(predicted[:, 1:], window[:, 1:]) / UNIT
         smooth = (error.square() + SMOOTH**2).sqrt() - SMOOTH
-        return (smooth / (1 + smooth / CHAOS)).mean()
+        return (smooth / (1 + smooth / CHAOS)).mean() * (len(error) * self._processes.count / batch)
 
-    def validate(self, network: nn.Module) -> Tensor:
-        """Sums over interactions of `numbers` after a whole rollout, and their count."""
+    def validate(self, network: nn.Module) -> Float[Tensor, "2 numbers"]:
+        """Sums over interactions of `numbers` after a whole rollout, and how many interactions there are."""
         scenes, boards, tool = self._validation
         state = LeverState(scenes, boards[:, 0], torch.zeros_like(boards[:, 0, :6]))
         predicted = rollout_lever(cast(LeverDynamics, network), state, tool)
@@ -128,7 +100,8 @@ class LeverTask:
         position = (predicted[:, -1] - boards[:, -1])[:, :3].norm(dim=-1).nan_to_num(1e3, 1e3)
         turned = pose_3d.rotation_error(predicted[:, -1], boards[:, -1]).nan_to_num(np.pi).rad2deg()
         bounded = (error / (1 + error / CHAOS)).mean(1)
-        return torch.stack((bounded.sum(), 1e3 * position.sum(), turned.sum(), error.new_tensor(float(len(error)))))
+        sums = torch.stack((bounded.sum(), 1e3 * position.sum(), turned.sum()))
+        return torch.stack((sums, torch.full_like(sums, len(error))))
 
 
 def velocity_between(before: Float[Tensor, "batch 7"], after: Float[Tensor, "batch 7"]) -> Float[Tensor, "batch 6"]:
@@ -147,10 +120,9 @@ def _distance(predicted: Float[Tensor, "*batch 7"], true: Float[Tensor, "*batch 
 
 def train_lever(
     training: LeverTraining,
-    cache: Path,
-    out: Path,
-    device: str = "cpu",
-    tell: Callable[[Progress, float], None] = lambda now, loss: None,
+    run: TrainingRun,
+    tell: Callable[[Progress, float], None] = nothing,
+    say: Callable[[str], None] = nothing,
 ) -> Progress | None:
     """Train a predictor of boards; see `conduct`."""
-    return conduct(training, LeverTask, cache, out, device, tell)
+    return conduct(training, LeverTask, run, tell, say)

@@ -2,18 +2,21 @@
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import torch
+from jaxtyping import Float
 from safetensors.torch import save
 from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
 
-from pushgraph.errors import TrainingError
+from pushgraph.errors import TrainingError, TrainingInterrupted
 from pushgraph.storage import replacing
 from pushgraph.training.processes import Processes
+from pushgraph.training.recorder import Recorder
 from pushgraph.training.running import Progress, RunningCheckpoint
+from pushgraph.training.stopping import Stopping
 
 SAVE_EVERY = 60.0
 """Seconds between two checkpoints: what a kill may lose."""
@@ -42,10 +45,13 @@ class Task(Protocol):
     physics: str | None
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
-        """Loss of one batch; depends on the weights, the step and this process's rank alone."""
+        """Loss of this process's share of a batch; the mean over processes is that of the batch, however many share it.
 
-    def validate(self, network: nn.Module) -> Tensor:
-        """Numbers that add up over processes, to be divided by their last one, a weight."""
+        Depends on the weights and the step alone.
+        """
+
+    def validate(self, network: nn.Module) -> Float[Tensor, "2 numbers"]:
+        """Sums over this process's share of the validation, and the weights to divide them by."""
 
 
 @dataclass(frozen=True)
@@ -74,65 +80,94 @@ def train(
     schedule: Schedule,
     running: RunningCheckpoint,
     processes: Processes,
-    tell: Callable[[Progress, float], None],
+    recorder: Recorder | None,
 ) -> Progress:
     """Train a network and leave the weights that validated best in it; goes on from the running checkpoint.
 
-    `tell` is called after every step with the progress and the loss.
-    Raises TrainingError if a loss is not finite; the state that caused it is saved then.
+    recorder: of the leading process. Raises TrainingError if a loss is not finite; the state that caused it is saved
+    then. Raises TrainingInterrupted after Ctrl-C, everything being saved.
     """
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=schedule.learning_rate, weight_decay=DECAY, amsgrad=schedule.amsgrad
     )
     now, best = running.load(network, optimizer)
+    if recorder:
+        recorder.begin(now)
     begun = saved = time.monotonic()
     spent = now.seconds
-    losses: list[float] = []
+    learning: nn.Module = _Step(network, task)
+    if processes.count > 1:
+        learning = DistributedDataParallel(learning, broadcast_buffers=False, find_unused_parameters=True)
     if not now.curve:
         with torch.no_grad():
-            first_loss = float(processes.mean(task.loss(network, 0).detach().clone().double()))
+            first_loss = float(processes.mean(task.loss(network, 0).double()))
         numbers = _validated(network, task, processes)
-        now.curve.append({"step": 0, "seconds": 0.0, "loss": first_loss})
-        now.curve[-1] |= dict(zip(task.numbers, numbers, strict=True))
-        now.best = numbers[0] * (1 - CLEARLY)
-        best = {name: values.detach().clone() for name, values in network.state_dict().items()}
-    for step in range(now.step, schedule.steps):
-        processes.check_parent()
-        for group in optimizer.param_groups:
-            group["lr"] = schedule.rate(step)
-        loss = task.loss(network, step)
-        optimizer.zero_grad()
-        loss.backward()
-        processes.average_gradients(network)
-        norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
-        mean_loss = float(processes.mean(loss.detach().clone().double()))
-        if not math.isfinite(mean_loss + float(norm)):
-            raise TrainingError(_save_failure(network, running, processes, step, mean_loss, float(norm)))
-        optimizer.step()
-        losses.append(mean_loss)
-        now.step, now.seconds = step + 1, spent + time.monotonic() - begun
-        if schedule.validates_after(step):
-            numbers = _validated(network, task, processes)
-            now.curve.append({"step": step + 1, "seconds": now.seconds, "loss": sum(losses) / len(losses)})
-            now.curve[-1] |= dict(zip(task.numbers, numbers, strict=True))
-            losses = []
-            if numbers[0] < now.best:
-                now.best = numbers[0]
-                best = {name: values.detach().clone() for name, values in network.state_dict().items()}
-        if processes.leads and (time.monotonic() - saved > SAVE_EVERY or step + 1 == schedule.steps):
-            running.save(network, best, optimizer, now)
-            saved = time.monotonic()
-        tell(now, mean_loss)
+        if task.numbers[0] not in numbers:
+            raise TrainingError(f"validation: holds nothing by which {task.numbers[0]} can be measured")
+        now.curve.append({"step": 0, "seconds": 0.0, "loss": first_loss} | numbers)
+        now.best = numbers[task.numbers[0]] * (1 - CLEARLY)
+        best = _copied(network)
+        if recorder:
+            recorder.validated(now)
+    with Stopping(twice=processes.count == 1) as stopping:
+        for step in range(now.step, schedule.steps):
+            for group in optimizer.param_groups:
+                group["lr"] = schedule.rate(step)
+            optimizer.zero_grad()
+            loss = learning(step)
+            loss.backward()
+            norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
+            told = torch.stack([loss.detach().double(), loss.new_tensor(float(stopping.asked)).double()])
+            mean_loss, stops = processes.mean(told).tolist()
+            if not math.isfinite(mean_loss + float(norm)):
+                raise TrainingError(_save_failure(network, running, processes, step, mean_loss, float(norm)))
+            optimizer.step()
+            now.losses += mean_loss
+            now.step, now.seconds = step + 1, spent + time.monotonic() - begun
+            if schedule.validates_after(step):
+                numbers = _validated(network, task, processes)
+                mean = now.losses / (now.step - int(now.curve[-1]["step"]))
+                now.curve.append({"step": now.step, "seconds": now.seconds, "loss": mean} | numbers)
+                now.losses = 0.0
+                # Nothing is better than what cannot be measured.
+                if (value := numbers.get(task.numbers[0], math.inf)) < now.best:
+                    now.best, best = value, _copied(network)
+                if recorder:
+                    recorder.validated(now)
+            if recorder and (stops or time.monotonic() - saved > SAVE_EVERY or now.step == schedule.steps):
+                running.save(network, best, optimizer, now)
+                saved = time.monotonic()
+            if recorder:
+                recorder.step(now, mean_loss)
+            if stops and now.step < schedule.steps:
+                raise TrainingInterrupted(f"stopped after step {now.step} of {schedule.steps}; everything is saved")
     network.load_state_dict(best)
     return now
 
 
+class _Step(nn.Module):
+    """The loss of a step as a module, so that gradients are averaged over processes while they are computed."""
+
+    def __init__(self, network: nn.Module, task: Task) -> None:
+        super().__init__()
+        self.network, self._task = network, task
+
+    def forward(self, step: int) -> Tensor:
+        return self._task.loss(self.network, step)
+
+
+def _copied(network: nn.Module) -> dict[str, Tensor]:
+    return {name: values.detach().clone() for name, values in network.state_dict().items()}
+
+
 @torch.no_grad()
-def _validated(network: nn.Module, task: Task, processes: Processes) -> list[float]:
+def _validated(network: nn.Module, task: Task, processes: Processes) -> dict[str, float]:
+    """The numbers by name; without those that nothing in the data could be measured by."""
     network.eval()
-    sums = processes.mean(task.validate(network))
+    sums, weights = processes.mean(task.validate(network).double())
     network.train()
-    return (sums[:-1] / sums[-1]).tolist()
+    measured = zip(task.numbers, sums.tolist(), weights.tolist(), strict=True)
+    return {name: total / weight for name, total, weight in measured if weight > 0}
 
 
 def _save_failure(

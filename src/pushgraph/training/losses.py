@@ -1,5 +1,7 @@
 """The loss of an unrolled prediction."""
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -10,10 +12,16 @@ from pushgraph.training.examples import Example
 
 SMOOTH = 0.01
 """Errors below this many units count quadratically."""
+TINY = 1e-9
+"""Keeps from dividing by zero where nothing counts, and the loss is zero."""
 
 
-def unrolled_loss(dynamics: PhysicsNetwork, example: Example) -> Float[Tensor, ""]:
+def unrolled_loss(
+    dynamics: PhysicsNetwork, example: Example, mean: Callable[[Tensor], Tensor] = lambda weight: weight
+) -> Float[Tensor, ""]:
     """Mean distance of predicted from true poses in all frames, in the network's unit of errors, turns at LEVER.
+
+    mean: over the processes that share the batch, of what is divided by.
 
     Every frame starts from the predicted one, so the network meets its own errors. Gradients reach back through the
     sum of motions, not through the geometry of the frames between: that is half the time, and its normals turn by
@@ -25,11 +33,12 @@ def unrolled_loss(dynamics: PhysicsNetwork, example: Example) -> Float[Tensor, "
     unit = dynamics.error_unit((steps + turns * state.scenes.tool_radius).mean(0))
     total = poses.new_zeros(())
     weight = state.scenes.present * example.counts[:, None]
+    total_weight = mean(weight.sum().to(poses.dtype)).clamp(min=TINY)
     for frame, control in enumerate(example.controls, start=1):
         poses = poses + dynamics(state, control).motion
         error = (poses - example.poses[:, frame]) * poses.new_tensor([1.0, 1.0, LEVER])
         error = error / unit[:, None, None]
         distance = (error.square().sum(-1) + SMOOTH**2).sqrt() - SMOOTH
-        total = total + (distance / (1 + distance / dynamics.CHAOS) * weight).sum() / weight.sum().clamp(min=1)
+        total = total + (distance / (1 + distance / dynamics.CHAOS) * weight).sum() / total_weight
         state = state.observe(poses.detach(), control.frames)
     return total / len(example.controls)

@@ -101,7 +101,8 @@ def last_looks(network: MassNoise, dynamics: Dynamics, tracks: Weighed) -> Looke
     looked = concatenate(looks)
     place = looked.scene * (memory.frames + 1) + looked.number
     # Of equal places the last one written stays.
-    last = torch.full((int(place.max()) + 1,), -1).scatter_reduce(0, place, torch.arange(len(place)), "amax")
+    written = torch.arange(len(place), device=place.device)
+    last = place.new_full((int(place.max()) + 1,), -1).scatter_reduce(0, place, written, "amax")
     rows = last[last >= 0]
     return map_tensors(lambda values: values[rows], looked)
 
@@ -111,7 +112,7 @@ def surprise(evidence: Evidence, tracks: Weighed) -> Float[Tensor, ""]:
     bodies = tracks.true.shape[1] - 1
     present = tracks.scenes.present
     information = evidence.information[:, :bodies, :bodies]
-    whole = information + PRIOR_SPREAD**-2 * torch.eye(bodies, dtype=information.dtype)
+    whole = information + PRIOR_SPREAD**-2 * torch.eye(bodies, dtype=information.dtype, device=information.device)
     # The friction is known here; masses are by the prior about their mean.
     true = tracks.true
     mean = torch.full_like(true[:, :bodies], PRIOR_MEAN)

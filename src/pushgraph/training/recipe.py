@@ -1,52 +1,53 @@
-"""What decides a training."""
+"""What decides a training, for every task: its recipe."""
 
-import dataclasses
-import hashlib
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
 
 from pushgraph.errors import TrainingError
-from pushgraph.network.contract import Schema
+from pushgraph.training.settings import Settings
+
+Count = Annotated[int, Field(ge=1)]
 
 
-@dataclass(frozen=True)
-class Training:
+class Training(Settings):
     """What decides a training. A sample is one frame of one window."""
 
     TASK: ClassVar[str]
-    MODELS: ClassVar[Mapping[str, type[Schema]]]
     VALIDATIONS: ClassVar[int] = 20
     FILES: ClassVar[tuple[str, ...]] = ("data", "validation", "start_from")
-    """Settings that name files."""
 
     model: str
+    """Name of the network."""
     data: str
+    """Training data, from pushgraph generate."""
     validation: str
-    samples: int
-    frames: int
-    batch: int
-    learning_rate: float
-    hidden: int
-    precision: str = "float32"
-    seed: int = 0
+    """Data on which the weights are chosen."""
+    samples: Count
+    frames: Count
+    batch: Count
+    learning_rate: Annotated[float, Field(gt=0)]
+    """Its peak."""
+    hidden: Count
+    """Width of the network."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Of first weights and batches."""
     start_from: str | None = None
+    """A checkpoint whose weights to begin with."""
 
-    def __post_init__(self) -> None:
-        if self.model not in self.MODELS:
-            raise TrainingError(f"no model {self.model!r}; valid: {', '.join(self.MODELS)}")
-        if self.precision not in ("float32", "bfloat16"):
-            raise TrainingError(f"precision: must be float32 or bfloat16, got {self.precision!r}")
-        for name in ("samples", "frames", "batch", "hidden"):
-            if getattr(self, name) < 1:
-                raise TrainingError(f"{name}: must be at least 1, got {getattr(self, name)}")
-        if not self.learning_rate > 0:
-            raise TrainingError(f"learning_rate: must be positive, got {self.learning_rate}")
+    def model_post_init(self, _: Any) -> None:
+        """Raise TrainingError if there is no such network, or no such file."""
+        from pushgraph.network.registry import networks_of
+
+        if self.model not in (networks := networks_of(self.TASK)):
+            raise TrainingError(f"model: no network {self.model!r} to train; valid: {', '.join(networks)}")
         for name in ("data", "validation"):
-            if not Path(getattr(self, name)).is_file():
-                raise TrainingError(f"{name}: no such dataset: {getattr(self, name)}; make it with pushgraph generate")
+            self._check_file(name, "pushgraph generate")
+
+    def _check_file(self, name: str, maker: str) -> None:
+        if not Path(getattr(self, name)).is_file():
+            raise TrainingError(f"{name}: no such dataset: {getattr(self, name)}; make it with {maker}")
 
     @property
     def steps(self) -> int:
@@ -58,13 +59,129 @@ class Training:
         """Config of the network."""
         return {"hidden": self.hidden}
 
-    def folder(self, cache: Path) -> Path:
-        """Where this training runs."""
-        digest = hashlib.sha256(json.dumps(dataclasses.asdict(self), sort_keys=True).encode()).hexdigest()
-        return cache / "training" / f"{self.TASK}-{self.model}-{digest[:10]}"
 
-    def without_folders(self) -> dict[str, Any]:
-        """The settings; of files only their names, which mean something elsewhere."""
-        settings = dataclasses.asdict(self)
-        names = [name for name in self.FILES if name in settings]
-        return settings | {name: settings[name] and Path(settings[name]).name for name in names}
+class _Propagating(Training):
+    """A training of networks that pass messages in several steps."""
+
+    propagation_steps: Count = 2
+    """Steps in which messages travel."""
+
+    @property
+    def config(self) -> dict[str, int]:
+        """Config of the network."""
+        return {"hidden": self.hidden, "steps": self.propagation_steps}
+
+
+class PhysicsTraining(_Propagating):
+    """What decides a training of physics prediction. A sample is one predicted frame of one window."""
+
+    TASK: ClassVar[str] = "physics"
+
+    model: str = "contact"
+    """contact (ours), propnet (the paper's), or a registered one."""
+    samples: Count = 20_000_000
+    """Predicted frames of training windows, all in all."""
+    frames: Count = 4
+    """Frames predicted in a row."""
+    batch: Count = 256
+    """Windows in a step, over all processes."""
+    learning_rate: Annotated[float, Field(gt=0)] = 2e-3
+    """Its peak."""
+    hidden: Count = 48
+    """Width of the network."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What networks compute in."""
+
+
+class BeliefTraining(Training):
+    """What decides a training of belief regulation. A sample is one observed frame of one sequence."""
+
+    TASK: ClassVar[str] = "belief"
+    VALIDATIONS: ClassVar[int] = 12
+    FILES: ClassVar[tuple[str, ...]] = (*Training.FILES, "physics", "masses", "masses_validation")
+
+    model: str = "belief"
+    """belief (ours), paper_recipe, or a registered one."""
+    samples: Count = 10_000_000
+    """Observed frames of sequences, all in all."""
+    frames: Annotated[int, Field(ge=2)] = 200
+    """Frames observed in a row."""
+    batch: Count = 16
+    """Sequences in a step, over all processes."""
+    learning_rate: Annotated[float, Field(gt=0)] = 2e-3
+    """Its peak."""
+    hidden: Count = 64
+    """Width of the memory."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What networks compute in."""
+    physics: str | None = None
+    """Checkpoint of the physics below it; by default the shipped one."""
+    masses: str | None = None
+    """Data in which masses are learnt, from pushgraph generate different-masses."""
+    masses_validation: str | None = None
+    """Data on which that is validated."""
+    keep_joints: bool = False
+    """Learn about masses alone."""
+
+    def model_post_init(self, context: Any) -> None:
+        """Raise TrainingError if settings do not fit each other, too."""
+        super().model_post_init(context)
+        if (self.masses is None) != (self.masses_validation is None):
+            raise TrainingError("masses and masses_validation: give both or neither")
+        for name in ("masses", "masses_validation"):
+            if getattr(self, name) is not None:
+                self._check_file(name, "pushgraph generate different-masses")
+        if self.masses is not None and self.model != "belief":
+            raise TrainingError(f"masses: {self.model} knows no masses; only belief learns them")
+        if self.keep_joints and (self.masses is None or self.start_from is None):
+            raise TrainingError("keep_joints: needs masses to learn, and start_from, whose joints are kept")
+
+
+class SpreadTraining(Training):
+    """What decides a training of spreads. A sample is one predicted frame of one rollout."""
+
+    TASK: ClassVar[str] = "spread"
+    VALIDATIONS: ClassVar[int] = 12
+
+    model: str = "spread"
+    """spread, or a registered one."""
+    samples: Count = 8_000_000
+    """Predicted frames of rollouts, all in all."""
+    rollouts: Count = 12_800
+    """Made once, and drawn from again and again."""
+    frames: Annotated[int, Field(ge=2)] = 64
+    """Frames of a rollout; of a tenth of them, 300."""
+    batch: Count = 32
+    """Rollouts in a step, over all processes."""
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-3
+    """Its peak."""
+    hidden: Count = 32
+    """Width of the network."""
+
+    def model_post_init(self, context: Any) -> None:
+        """Raise TrainingError if settings do not fit each other, too."""
+        super().model_post_init(context)
+        if self.rollouts < self.batch:
+            raise TrainingError(f"rollouts: must be a batch at least, {self.batch}; got {self.rollouts}")
+
+
+class LeverTraining(_Propagating):
+    """What decides a training of boards. A sample is one predicted frame of one window."""
+
+    TASK: ClassVar[str] = "lever-up"
+    VALIDATIONS: ClassVar[int] = 10
+
+    model: str = "lever_up"
+    """lever_up (ours), lever_up_propnet (the paper's), or a registered one."""
+    interactions: Annotated[int | None, Field(ge=1)] = None
+    """Use the first of the data alone; by default all."""
+    samples: Count = 200_000
+    """Predicted frames of training windows, all in all."""
+    frames: Count = 4
+    """Frames predicted in a row."""
+    batch: Count = 64
+    """Windows in a step, over all processes."""
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    """Its peak."""
+    hidden: Count = 64
+    """Width of the network."""

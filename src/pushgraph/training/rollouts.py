@@ -19,6 +19,7 @@ from pushgraph.network.contract import Dynamics
 from pushgraph.physics import rollout
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 from pushgraph.track import Track
+from pushgraph.training.processes import Processes
 
 BELIEVED, HIDDEN = 0.5, 0.1
 """Shares of the batches whose joints are believed, and of those whose joints are not known at all."""
@@ -61,6 +62,7 @@ class RolloutMaker:
         rng = np.random.default_rng([seed, 3])
         nodes = np.diff(dataset.pose_offset) // np.diff(dataset.frame_offset)
         count = max(1, rollouts // batch)
+        self._bodies, self._frames = nodes - 1, np.diff(dataset.frame_offset)
         known = np.arange(len(dataset))
         believed = known[dataset.kind == BELIEVED_KIND]
         self._believed = round(BELIEVED * count) if len(believed) else 0
@@ -74,19 +76,45 @@ class RolloutMaker:
     def __len__(self) -> int:
         return len(self.trajectories)
 
-    def __call__(self, number: int, frames: int) -> Predicted:
-        """Batch `number`, of rollouts over so many frames."""
+    def __call__(self, number: int, frames: int, processes: Processes) -> Predicted:
+        """This process's share of batch `number`, of rollouts over so many frames."""
         rng = np.random.default_rng([self._seed, 4, number])
         chosen = self.trajectories[number]
         if rng.random() < LONG:
-            chosen, frames = chosen[: max(1, len(chosen) // 4)], LONG_FRAMES
-        tracks = [self._dataset[k] for k in chosen.tolist()]
+            chosen, frames = chosen[: max(processes.count, len(chosen) // 4)], LONG_FRAMES
+        share = processes.share(len(chosen))
+        tracks = [self._dataset[k] for k in chosen[share].tolist()]
         if number < self._believed:
             first = 0 if rng.random() < AT_START / 2 else int(rng.integers(LONGEST_WATCH + 1))
-            return predicted_as_believed(tracks, first, frames, self._dynamics, self._belief, rng)
-        firsts = [0 if rng.random() < AT_START else int(rng.integers(len(track.times) - 10)) for track in tracks]
+            withheld = Withheld.drawn(rng, len(chosen), int(self._bodies[chosen].max())).of(share)
+            return predicted_as_believed(tracks, first, frames, self._dynamics, self._belief, withheld)
+        lengths = self._frames[chosen].tolist()
+        firsts = [0 if rng.random() < AT_START else int(rng.integers(max(1, length - 10))) for length in lengths]
         hidden = rng.random() < HIDDEN / (1 - BELIEVED)
-        return predicted_as_known(tracks, firsts, frames, self._dynamics, rng, hidden)
+        withheld = Withheld.drawn(rng, len(chosen), int(self._bodies[chosen].max())).of(share)
+        return predicted_as_known(tracks, firsts[share], frames, self._dynamics, withheld, hidden)
+
+
+class Withheld(NamedTuple):
+    """Which masses and frictions shall not be known."""
+
+    mass: Bool[Tensor, "batch bodies"]
+    table: Bool[Tensor, " batch"]
+    side: Bool[Tensor, " batch"]
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, batch: int, bodies: int) -> "Withheld":
+        """Of a scene's masses, either all or each with an even chance."""
+
+        def drawn(share: float, *shape: int) -> Tensor:
+            return torch.from_numpy(rng.random((batch, *shape)) < share)
+
+        mass = drawn(WITHHELD, 1) & (drawn(0.5, 1) | drawn(0.5, bodies))
+        return cls(mass, drawn(WITHHELD), drawn(WITHHELD))
+
+    def of(self, share: slice) -> "Withheld":
+        """Those of some scenes."""
+        return Withheld(*(values[share] for values in self))
 
 
 def predicted_as_known(
@@ -94,16 +122,13 @@ def predicted_as_known(
     firsts: Sequence[int],
     frames: int,
     dynamics: Dynamics,
-    rng: np.random.Generator | None = None,
+    withheld: Withheld | None = None,
     hidden: bool = False,
 ) -> Predicted:
-    """Rollouts from frame `firsts` of tracks on, with their true joints or, if hidden, with none.
-
-    With a generator some masses and frictions are withheld.
-    """
+    """Rollouts from frame `firsts` of tracks on, with their true joints or, if hidden, with none."""
     scenes = batch_scenes([track.scene for track in tracks])
-    if rng is not None:
-        scenes = withhold_values(scenes, rng)
+    if withheld is not None:
+        scenes = withhold_values(scenes, withheld)
     if hidden:
         scenes = hide_relations(scenes, torch.ones_like(scenes.relations.known))
     seen = _stretches(tracks, firsts, frames, scenes.mass.shape[1])
@@ -118,32 +143,24 @@ def predicted_as_believed(
     frames: int,
     dynamics: Dynamics,
     belief: BeliefModel,
-    rng: np.random.Generator | None = None,
+    withheld: Withheld | None = None,
 ) -> Predicted:
     """Rollouts with the joints that are believed after all frames up to `first` were observed."""
     scenes = batch_scenes([track.scene for track in tracks])
     watched = _watched(belief, unaware(scenes), _stretches(tracks, [0] * len(tracks), first + 1, scenes.mass.shape[1]))
     probabilities = belief.probabilities(watched)
     relations = believe(watched.view.state, probabilities.argmax(-1), watched.view.fits).relations
-    if rng is not None:
-        scenes = withhold_values(scenes, rng)
+    if withheld is not None:
+        scenes = withhold_values(scenes, withheld)
     seen = _stretches(tracks, [first] * len(tracks), frames, scenes.mass.shape[1])
     state = State(scenes, seen.bodies[:, 1], seen.bodies[:, 1] - seen.bodies[:, 0], relations)
     return _predicted(state, seen, doubt_of(scenes, relations, probabilities), dynamics)
 
 
-def withhold_values(scenes: SceneBatch, rng: np.random.Generator) -> SceneBatch:
-    """Scenes of which some masses and frictions stand at nominal values, as those do that are not known.
-
-    Of a scene's masses, either all or each with an even chance.
-    """
-    batch, bodies = scenes.mass.shape
-
-    def drawn(share: float, *shape: int) -> Tensor:
-        return torch.from_numpy(rng.random((batch, *shape)) < share)
-
-    no_mass = drawn(WITHHELD, 1) & (drawn(0.5, 1) | drawn(0.5, bodies)) & ~scenes.immovable
-    no_table, no_side = drawn(WITHHELD), drawn(WITHHELD)
+def withhold_values(scenes: SceneBatch, withheld: Withheld) -> SceneBatch:
+    """Scenes of which some masses and frictions stand at nominal values, as those do that are not known."""
+    no_mass = withheld.mass[:, : scenes.mass.shape[1]] & ~scenes.immovable
+    no_table, no_side = withheld.table, withheld.side
     return scenes._replace(
         mass=torch.where(no_mass, NOMINAL_MASS, scenes.mass),
         mass_known=scenes.mass_known & ~no_mass,

@@ -11,7 +11,7 @@ from filelock import FileLock, Timeout
 from pydantic import Field
 from torch import Tensor, nn
 
-from pushgraph.errors import TrainingError
+from pushgraph.errors import StorageError, TrainingError
 from pushgraph.record import Record
 from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tensors
 
@@ -24,10 +24,14 @@ REMEDY = "remove it to begin anew"
 
 @dataclass
 class Progress:
-    """How far a training is: next step, seconds spent, curve of validations, and the best of them."""
+    """How far a training is: next step, seconds spent, curve of validations, and the best of them.
+
+    losses: sum of those since the last validation.
+    """
 
     step: int = 0
     seconds: float = 0.0
+    losses: float = 0.0
     curve: list[dict[str, int | float]] = field(default_factory=list)
     best: float = float("inf")
 
@@ -37,6 +41,7 @@ class ProgressEntry(Record):
 
     step: Annotated[int, Field(ge=0)]
     seconds: Annotated[float, Field(ge=0)]
+    losses: float
     curve: list[dict[str, int | float]]
     best: float
 
@@ -45,7 +50,7 @@ class StateHeader(Header):
     """What the header of a training's state says."""
 
     format: Literal["pushgraph.training"] = "pushgraph.training"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     recipe: dict[str, Any]
     progress: ProgressEntry
 
@@ -60,11 +65,13 @@ class RunningCheckpoint:
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the folder; raises TrainingError if another training does."""
-        self.folder.mkdir(parents=True, exist_ok=True)
         try:
+            self.folder.mkdir(parents=True, exist_ok=True)
             lock = FileLock(self.folder / "lock", timeout=PATIENCE, poll_interval=0.2).acquire()
         except Timeout:
             raise TrainingError(f"{self.folder}: another process is at this training") from None
+        except OSError as error:
+            raise StorageError(f"{self.folder}: cannot be written: {error.strerror or error}") from None
         with lock:
             yield
 
@@ -91,9 +98,13 @@ class RunningCheckpoint:
             header, tensors = load_tensors(self._path, "training", StateHeader, TrainingError, REMEDY)
         except TrainingError as error:
             raise TrainingError(f"{error}; {REMEDY}") from None
-        changed = [name for name, value in self._recipe.items() if header["recipe"].get(name) != value]
-        if changed or set(header["recipe"]) != set(self._recipe):
-            raise TrainingError(f"{self._path}: a training with other settings ({', '.join(changed)}); remove it")
+        begun = header["recipe"]
+        changed = [name for name in {*begun, *self._recipe} if begun.get(name) != self._recipe.get(name)]
+        if changed:
+            said = ", ".join(f"{name} {begun.get(name)}, not {self._recipe.get(name)}" for name in sorted(changed))
+            raise TrainingError(
+                f"{self._path}: a training with other settings: {said}. Remove it to begin anew, or name another --out"
+            )
 
         def part(prefix: str) -> dict[str, Tensor]:
             return {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}

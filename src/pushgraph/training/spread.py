@@ -2,10 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, NamedTuple, cast
+from collections.abc import Callable
+from typing import NamedTuple, cast
 
 import torch
 from jaxtyping import Float
@@ -14,16 +12,20 @@ from torch import Tensor, nn
 from pushgraph.belief import BeliefModel
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.errors import TrainingError
+from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.graph.track_features import TrackFeatures, track_features
 from pushgraph.network.contract import Dynamics
-from pushgraph.network.spread_network import LEAST, LEAST_YAW, SPREADS, Scales, SpreadNetwork
+from pushgraph.network.spread_network import LEAST, LEAST_YAW, Scales, SpreadNetwork
 from pushgraph.scene_range import range_of
 from pushgraph.spread_model import spread_at_knots
-from pushgraph.training.conduct import conduct, open_dataset
+from pushgraph.training.conduct import conduct, nothing, open_dataset
 from pushgraph.training.processes import Processes
-from pushgraph.training.recipe import Training
+from pushgraph.training.recipe import SpreadTraining
 from pushgraph.training.rollouts import Predicted, RolloutMaker, predicted_as_believed, predicted_as_known
+from pushgraph.training.run import TrainingRun
 from pushgraph.training.running import Progress
+from pushgraph.training.seeds import seed_of
+from pushgraph.training.validation import validation_tracks
 
 MOVED, SELDOM = 1e-3, 0.03
 """Bodies that have moved less than this (m), truly and as predicted, weigh so much."""
@@ -34,30 +36,6 @@ CALIBRATED, MISSES = (0.68, 0.95), 2.0
 """Bounds that are fitted by themselves beside the density, and their weight."""
 TINY = 1e-30
 """Keeps logarithms finite where there is no error at all; any larger one shall draw its scale."""
-
-
-@dataclass(frozen=True)
-class SpreadTraining(Training):
-    """What decides a training of spreads. A sample is one predicted frame of one rollout.
-
-    rollouts: made once and kept in memory, then drawn from again and again.
-    """
-
-    TASK: ClassVar[str] = "spread"
-    MODELS: ClassVar[Mapping[str, type[SpreadNetwork]]] = SPREADS
-    VALIDATIONS: ClassVar[int] = 12
-
-    samples: int = 8_000_000
-    frames: int = 64
-    batch: int = 32
-    learning_rate: float = 3e-3
-    hidden: int = 32
-    rollouts: int = 12_800
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.rollouts < self.batch:
-            raise TrainingError(f"rollouts: must be a batch at least, {self.batch}; got {self.rollouts}")
 
 
 def features_of(example: Predicted) -> TrackFeatures:
@@ -129,7 +107,7 @@ class SpreadTask:
     numbers: tuple[str, ...] = ("loss_of_bodies", "coverage_68", "coverage_95", "yaw_coverage_68", "yaw_coverage_95")
 
     def __init__(self, training: SpreadTraining, processes: Processes, device: torch.device) -> None:
-        self._training, self._device = training, device
+        self._training, self._processes, self._device = training, processes, device
         data, validation = open_dataset(training.data), open_dataset(training.validation)
         self.range = range_of(data.scene(k) for k in range(len(data)))
         self.data_recipe, self.validation_recipe = (dataclasses.asdict(some.recipe) for some in (data, validation))
@@ -137,41 +115,42 @@ class SpreadTask:
         self.physics = below.hash
         dynamics = cast(Dynamics, below.network.requires_grad_(False))
         belief = BeliefModel.load()
-        share = max(1, training.batch // processes.count)
-        seed = training.seed * 1000 + processes.rank
-        maker = RolloutMaker(data, dynamics, belief, training.rollouts // processes.count, share, seed)
+        seed = seed_of("rollouts", seed=training.seed)
+        maker = RolloutMaker(data, dynamics, belief, training.rollouts, training.batch, seed)
         self._batches = len(maker)
-        self._batch = functools.cache(lambda number: maker(number, training.frames))
-        self._seed = seed
-        tracks = [validation[k] for k in range(processes.rank, len(validation), processes.count)]
-        self.validation = (
-            predicted_as_known(tracks, [0] * len(tracks), VALIDATION_FRAMES, dynamics),
-            predicted_as_believed(tracks, VALIDATION_WATCH, VALIDATION_FRAMES, dynamics, belief),
-        )
+        # Made once, on the processor, and kept there.
+        self._batch = functools.cache(lambda number: maker(number, training.frames, processes))
+        tracks = validation_tracks(validation, processes)
+        known = predicted_as_known(tracks, [0] * len(tracks), VALIDATION_FRAMES, dynamics)
+        believed = predicted_as_believed(tracks, VALIDATION_WATCH, VALIDATION_FRAMES, dynamics, belief)
+        self.validation = [map_tensors(lambda values: values.to(device), some) for some in (known, believed)]
+        if not any(_moved_far(example, features_of(example)).any() for example in self.validation):
+            raise TrainingError(f"validation: {training.validation}: no body moves {100 * MOVED_FAR:g} cm")
 
     def loss(self, network: nn.Module, step: int) -> Tensor:
         """Mean loss of the bodies in the step's batch."""
         epoch, place = divmod(step, self._batches)
-        generator = torch.Generator().manual_seed(hash((self._seed, epoch, 5)) % 2**63)
+        generator = torch.Generator().manual_seed(seed_of("order", seed=self._training.seed, epoch=epoch))
         number = int(torch.randperm(self._batches, generator=generator)[place])
-        example = self._batch(number)
-        features = features_of(example)
-        weight, value = _weighed(network, example, features)
-        return (weight * value).sum() / weight.sum().clamp(min=1)
+        example = map_tensors(lambda values: values.to(self._device), self._batch(number))
+        weight, value = _weighed(network, example, features_of(example))
+        return (weight * value).sum() / self._processes.mean(weight.sum()).clamp(min=1 / self._processes.count)
 
-    def validate(self, network: nn.Module) -> Tensor:
-        """Sums over validation rollouts of `numbers`, and what to divide them by."""
-        sums = torch.zeros(len(self.numbers) + 1)
+    def validate(self, network: nn.Module) -> Float[Tensor, "2 numbers"]:
+        """Sums over bodies in frames of `numbers`, and how many there are."""
+        found = []
         for example in self.validation:
             features = features_of(example)
             weight, value = _weighed(network, example, features)
             spread, knots = spread_at_knots(network(features), features), features.knots
             error = (example.true - example.poses)[:, knots]
-            moved = _moved(example, features, MOVED_FAR) & example.counts[:, knots, None]
+            moved = _moved_far(example, features)
             levels = spread.position_level(error[..., :2]), spread.yaw_level(error[..., 2])
-            covered = [(level[moved] < p).float().mean() for level in levels for p in (0.68, 0.95)]
-            sums += torch.stack(((weight * value).sum() / weight.sum().clamp(min=1), *covered, torch.ones(())))
-        return sums
+            covered = [(level[moved] < p).to(value.dtype).sum() for level in levels for p in CALIBRATED]
+            sums = torch.stack(((weight * value).sum(), *covered))
+            weights = torch.stack((weight.sum(), *[moved.sum().to(value.dtype)] * len(covered)))
+            found.append(torch.stack((sums, weights)))
+        return torch.stack(found).sum(0)
 
 
 def _weighed(network: nn.Module, example: Predicted, features: TrackFeatures) -> tuple[Tensor, Tensor]:
@@ -192,6 +171,11 @@ def _moved(example: Predicted, features: TrackFeatures, distance: float) -> Tens
     return (gone[0] > distance) | (gone[1] > distance)
 
 
+def _moved_far(example: Predicted, features: TrackFeatures) -> Tensor:
+    """Bodies, in the frames that count, whose errors tell how wide spreads have to be."""
+    return _moved(example, features, MOVED_FAR) & example.counts[:, features.knots, None]
+
+
 @torch.no_grad()
 def calibrate(network: SpreadNetwork, task: SpreadTask) -> None:
     """Widen the scales of positions, and those of yaws, so that 68 % of the validation's errors are within 68 %."""
@@ -200,7 +184,7 @@ def calibrate(network: SpreadNetwork, task: SpreadTask) -> None:
         features = features_of(example)
         scales = network(features)
         errors = ScaledErrors.of(scales, features.direction, (example.true - example.poses)[:, features.knots])
-        moved = _moved(example, features, MOVED_FAR) & example.counts[:, features.knots, None]
+        moved = _moved_far(example, features)
         position = errors.square.sqrt() / _radius(scales.degrees, CALIBRATED[0])
         turn = errors.turn / _turn(scales.yaw_degrees, CALIBRATED[0])
         needed.append((position[moved], turn[moved]))
@@ -211,10 +195,9 @@ def calibrate(network: SpreadNetwork, task: SpreadTask) -> None:
 
 def train_spread(
     training: SpreadTraining,
-    cache: Path,
-    out: Path,
-    device: str = "cpu",
-    tell: Callable[[Progress, float], None] = lambda now, loss: None,
+    run: TrainingRun,
+    tell: Callable[[Progress, float], None] = nothing,
+    say: Callable[[str], None] = nothing,
 ) -> Progress | None:
     """Train a network that states spreads; see `conduct`."""
-    return conduct(training, SpreadTask, cache, out, device, tell, calibrate)
+    return conduct(training, SpreadTask, run, tell, say, calibrate)
