@@ -13,6 +13,10 @@ class TrackError(PushGraphError):
     """A track, or the file it came from, is not valid."""
 
 
+class GeometryError(PushGraphError):
+    """Shapes and poses that do not go together."""
+
+
 class SimulationError(PushGraphError):
     """The simulator cannot run this scene."""
 
