@@ -41,6 +41,7 @@ ORDER = [
     "parts",
     "scene_file",
     "scene",
+    "scene_at",
     "parting",
     "lever_scene",
     "scene_parts",
