@@ -60,7 +60,7 @@ def storable(track: Track) -> list[Track]:
     if track.push.max() > MOST_PUSHES:
         raise TrackError(f"push {track.push.max()}: a dataset counts pushes up to {MOST_PUSHES:,}")
     framed = _in_parts(track.at_frames())
-    found = [_stretch(framed, some) for some in _runs(framed.seen.all(1)) if _pushes(framed, some)]
+    found = [_stretch(framed, some) for some in _runs(np.all(framed.seen, axis=1)) if _pushes(framed, some)]
     if found:
         return found
     if not framed.down.any():
