@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "pushgraph"
 ORDER = [
     "errors",
+    "own_modules",
     "written_number",
     "checksum",
     "storage",
