@@ -500,7 +500,7 @@ def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, 
     mean, error = mean_and_standard_error(coupled[1], OBJECTS, "oracle")
     assert f"{mean[4]:.2f}±{error[4]:.2f}" in printed["coupled"]
     for model, says in (
-        ("best", "no such shipped checkpoint here, valid: belief, paper_recipe; or give NAME=FILE"),
+        ("best", "no such shipped checkpoint here, valid: belief, paper_recipe; give NAME=FILE"),
         ("informed=" + mine, "there is a 'informed' in these results already"),
         ("my model=" + mine, "must be NAME or NAME=FILE"),
         ("mine=nothing.safetensors", "no such file"),

@@ -169,6 +169,7 @@ def test_drawn_windows_are_of_all_trajectories_alike(own: Path) -> None:
         pg.WindowDataset(own, frames=5000)
 
 
+@pytest.mark.slow
 def test_own_data_of_different_sizes_is_trained_on(own: Path, simulated: list[Track], tmp_path: Path) -> None:
     validation = pg.write_dataset(simulated[:1], tmp_path / "validation.h5")
     training = pg.PhysicsTraining("contact", str(own), str(validation), samples=16, hidden=8, batch=4)

@@ -89,6 +89,7 @@ def test_several_of_one_s_own_stand_side_by_side_on_own_data(own: Path, tmp_path
     assert " mine " in printed
 
 
+@pytest.mark.slow
 def test_data_of_a_setup_gives_the_numbers_of_the_setup(tmp_path: Path, short) -> None:
     path = pg.generate("multiple-parts", objects=2, count=2, seed=SEED, out=tmp_path / "data.h5")
     drawn, _ = evaluate_physics([2], 2, SEED, {"contact": "contact"})
@@ -99,6 +100,7 @@ def test_data_of_a_setup_gives_the_numbers_of_the_setup(tmp_path: Path, short) -
             assert other["value"] == pytest.approx(one["value"], abs=2e-3), one
 
 
+@pytest.mark.slow
 def test_beliefs_are_measured_on_own_data_whose_joints_are_known(own: Path, tmp_path: Path) -> None:
     models = ["--model", f"mine={shipped('belief')}", "--model", "belief"]
     assert run("evaluate", "belief", "--data", str(own), *models, "--workers", "1", "--out", str(tmp_path)) == 0
