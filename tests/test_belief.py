@@ -100,6 +100,27 @@ def test_one_frame_at_a_time_gives_the_numbers_of_whole_windows(model, tracks) -
     assert single[-1].std(0).max() > 1e-4  # scenes differ
 
 
+def test_numpy_in_gives_numpy_out_and_shapes_are_checked(ours, tracks) -> None:
+    scenes, *tensors = arrays(tracks, 12)
+    taken = [values.numpy() for values in tensors]
+    told = observed(ours, scenes, *tensors)
+    watch = None
+    for k in range(12):
+        frame = [values[:, k] for values in taken]
+        watch = ours.begin(scenes, *frame) if watch is None else ours.observe(watch, *frame)
+    answers = ours.probabilities(watch)
+    assert isinstance(answers, np.ndarray)
+    np.testing.assert_allclose(answers, told[-1].numpy(), atol=1e-7)
+    blank = [track.scene.replace(joints=(), unknown_pairs="unlisted") for track in tracks]
+    np.testing.assert_allclose(
+        ours.probabilities(ours.begin(blank, *frame)), ours.probabilities(ours.begin(scenes, *frame)), atol=1e-7
+    )
+    with pytest.raises(BeliefError, match=r"tool: shape must be \(3, 3\), got \(2, 3\)"):
+        ours.begin(scenes, frame[0], frame[1][:2], *frame[2:])
+    with pytest.raises(BeliefError, match="seen: dtype must be bool, got int64"):
+        ours.observe(watch, *frame[:3], frame[3].astype(int))
+
+
 def test_scenes_side_by_side_do_not_change_each_other(model, tracks) -> None:
     together = observed(model, *arrays(tracks, 20))[-1]
     alone = observed(model, *arrays(tracks[1:2], 20))[-1, 0]

@@ -467,7 +467,7 @@ def test_training_seeds_are_refused() -> None:
 
 
 def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, coupled, tmp_path, monkeypatch) -> None:
-    asked = []
+    asked, mine = [], str(shipped("belief"))
     for name, measured in (("belief", believed), ("coupled", coupled)):
 
         def suite(numbers, count, seed, models, workers, progress, measured=measured, setup=None):
@@ -478,7 +478,7 @@ def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, 
     arguments = ["--objects", "6", "--count", "2", "--seed", str(SEED), "--workers", "1"]
     printed = {}
     for name, options, figures in (
-        ("belief", ["--paper-recipe", "mine"], {"curves.png", "reliability.png"}),
+        ("belief", ["--model", "belief", "--model", f"paper_recipe={mine}"], {"curves.png", "reliability.png"}),
         ("coupled", ["--belief", "mine"], {"coupled.png"}),
     ):
         out = tmp_path / name
@@ -488,7 +488,7 @@ def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, 
         assert all((out / figure).stat().st_size > 10_000 for figure in figures)
         printed[name] = done.output
     assert asked == [
-        ((6,), 2, SEED, {"belief": "belief", "paper_recipe": "mine"}, 1),
+        ((6,), 2, SEED, {"belief": "belief", "paper_recipe": mine}, 1),
         ((6,), 2, SEED, {"contact": "contact", "belief": "mine"}, 1),
     ]
     accuracy = row(
@@ -499,5 +499,12 @@ def test_the_commands_write_results_and_figures_and_print_the_numbers(believed, 
     assert line.split()[7] == f"{accuracy['value']:.3f}"
     mean, error = mean_and_standard_error(coupled[1], OBJECTS, "oracle")
     assert f"{mean[4]:.2f}±{error[4]:.2f}" in printed["coupled"]
-    wrong = CliRunner().invoke(cli.app, ["evaluate", "coupled", "--objects", "5"])
-    assert wrong.exit_code == 2
+    for model, says in (
+        ("best", "no such shipped checkpoint here, valid: belief, paper_recipe; give NAME=FILE"),
+        ("informed=" + mine, "there is a 'informed' in these results already"),
+        ("my model=" + mine, "must be NAME or NAME=FILE"),
+        ("mine=nothing.safetensors", "no such file"),
+    ):
+        wrong = CliRunner().invoke(cli.app, ["evaluate", "belief", "--model", model])
+        assert wrong.exit_code == 1
+        assert says in str(wrong.exception)

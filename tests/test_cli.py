@@ -157,8 +157,8 @@ def test_odd_names_of_files_are_no_tracebacks(name: str, tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert run("simulate", name) == 1
     assert name[:4] in capsys.readouterr().err
-    assert run("generate", name, "--count", "1", "--out", "x.h5") == 2
-    assert "is not one of 'multiple-parts', 'jointed'" in " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert run("generate", name, "--count", "1", "--out", "x.h5") == 1
+    assert "there is none of this name; valid: multiple-parts, jointed" in capsys.readouterr().err
     if len(name) < 10 and "\0" not in name:
         assert run("simulate", "demo", "--animation", "none", "--out", name) == 0
         assert name in capsys.readouterr().out
@@ -182,14 +182,29 @@ def test_a_folder_and_a_binary_file_are_no_scenes(tmp_path: Path, capsys) -> Non
         ("predict", "demo", "--relations", "some"),
         ("plan", "demo", "--goal", "box", "0", "0", "--risk", "none"),
         ("observe", "demo", "track.csv", "--masses", "mean"),
-        ("generate", "multiple-parts", "--count", "1", "--engine", "spark", "--out", "x.h5"),
         ("train", "physics", "--samples", "0", "--data", "x", "--validation", "y", "--out", "z"),
-        ("evaluate", "clutter", "--contender", "nobody"),
     ],
 )
 def test_wrong_usage_is_refused(arguments: tuple[str, ...], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert run(*arguments) == 2
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("generate", "dominoes", "--count", "1", "--out", "x.h5"), "setup 'dominoes': .*valid: multiple-parts, "),
+        (("generate", "multiple-parts", "--count", "1", "--engine", "spark", "--out", "x.h5"), "valid: processes, ray"),
+        (("train", "physics", "--model", "belief", "--data", "x", "--validation", "y", "--out", "z"), "contact"),
+        (("evaluate", "physics", "--setup", "lever-up"), "setup 'lever-up': there is none of this name"),
+        (("evaluate", "clutter", "--contender", "nobody"), "valid: belief, "),
+    ],
+)
+def test_names_that_no_registry_holds_are_errors_of_ours(arguments, says, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 1
+    assert re.search(says, capsys.readouterr().err)
     assert not list(tmp_path.iterdir())
 
 

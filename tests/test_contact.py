@@ -1,5 +1,6 @@
 """Contact geometry against shapely, separating axes, finite differences and cases worked by hand."""
 
+import inspect
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from scipy.spatial import ConvexHull
 
 from pushgraph.contact import RoundedBox, contact_between, signed_gap
+from pushgraph.errors import GeometryError
 from pushgraph.pose import compose, inverse, relative, transform
 
 
@@ -248,3 +250,32 @@ def test_parallel_faces_meet_where_they_look_at_each_other_even_if_they_touch(ga
     torch.testing.assert_close(touch.points_a[:, 1].sort().values, torch.tensor([-0.01, 0.05], dtype=torch.float64))
     torch.testing.assert_close(touch.gaps, torch.full((2,), gap, dtype=torch.float64))
     torch.testing.assert_close(touch.middle, torch.tensor([0.05 + gap / 2, 0.02], dtype=torch.float64))
+
+
+def test_numpy_in_gives_numpy_out_and_the_same_numbers() -> None:
+    tensors = random_pairs(7, 1000)
+    a, b = (RoundedBox(*(values.numpy() for values in box)) for box in tensors[:2])
+    pose = tensors[2].numpy()
+    for ours, theirs in zip(contact_between(a, b, pose), contact_between(*tensors), strict=True):
+        assert isinstance(ours, np.ndarray)
+        np.testing.assert_allclose(ours, theirs.numpy(), atol=1e-9)
+    np.testing.assert_allclose(signed_gap(a, b, pose), signed_gap(*tensors).numpy(), atol=1e-12)
+    np.testing.assert_allclose(contact_between(a, b, pose).middle, contact_between(*tensors).middle.numpy(), atol=1e-9)
+    single = contact_between(*(RoundedBox(*(v.astype(np.float32) for v in box)) for box in (a, b)), pose.astype("f4"))
+    assert {values.dtype for values in single} == {np.dtype(np.float32)}
+    one = contact_between(*(RoundedBox(*(values[0] for values in box)) for box in (a, b)), pose[0])
+    np.testing.assert_allclose(one.points_b, contact_between(a, b, pose).points_b[0], atol=1e-12)
+
+
+def test_what_does_not_go_together_is_named() -> None:
+    a, b, pose = random_pairs(7, 3)
+    between = inspect.unwrap(contact_between)  # without the checks of shapes that tests put around it
+    for first, at, says in (
+        (RoundedBox(a.half_extents.numpy(), a.radius), pose, "a.half_extents: NumPy float64, but pose_a_from_b is t"),
+        (a, pose.float(), "a.half_extents: torch float64, but pose_a_from_b is torch float32; all must be alike"),
+        (RoundedBox(a.half_extents[:, :1], a.radius), pose, r"a.half_extents: shape must end with 2, got \(3, 1\)"),
+        (a, pose[:, :2], r"pose_a_from_b: shape must end with 3, got \(3, 2\)"),
+        (a, [0.0, 0.0, 0.0], "pose_a_from_b: must be an array of NumPy or torch, got list"),
+    ):
+        with pytest.raises(GeometryError, match=says):
+            between(first, b, at)

@@ -67,7 +67,7 @@ def overlap(track: Track, bodies: Sequence[int]) -> float:
     boxes = rounded_boxes([track.scene.bodies[k].shape for k in bodies])
     gaps = []
     for poses in track.poses[:, 1:]:
-        a, b = (torch.tensor(poses[bodies[s]]) for s in (slice(None, -1), slice(1, None)))
+        a, b = (poses[bodies[s]] for s in (slice(None, -1), slice(1, None)))
         ends = [type(boxes)(boxes.half_extents[s], boxes.radius[s]) for s in (slice(None, -1), slice(1, None))]
         gaps.append(signed_gap(*ends, relative(a, b)).min())
     return -float(min(gaps))
@@ -240,8 +240,8 @@ def test_fixed_bodies_stand_and_nothing_goes_through_them(laws) -> None:
     assert (track.poses[:, 5] == track.poses[0, 5]).all()
     wall, drawer = track.poses[-1, 5], track.poses[-1, 4]
     boxes = [rounded_boxes([track.scene.bodies[k].shape]) for k in (3, 4)]
-    gap = signed_gap(*boxes, torch.tensor(relative(drawer, wall))[None])
-    assert float(gap) > -0.5e-3
+    (gap,) = signed_gap(*boxes, relative(drawer, wall)[None])
+    assert gap > -0.5e-3
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.2, 1.0, 2.0])

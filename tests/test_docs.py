@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from doc_blocks import run_page
 
+import pushgraph as pg
 from pushgraph.planning.tools import TOOLS, load_tool
 from pushgraph.scene import Scene
 from pushgraph.shape import Polygon
@@ -87,6 +89,29 @@ def test_the_scene_in_the_manual_is_valid() -> None:
     assert scene.joints[0].kind == "fixed"
     assert json.loads(text)["version"] == 1
     assert scene.bodies[0].replace(shape=Polygon(**json.loads(outline))).shape.kind == "polygon"
+
+
+@pytest.mark.slow
+def test_the_page_of_the_first_scene_runs_as_printed(tmp_path: Path) -> None:
+    assert run_page(ROOT / "docs" / "first-scene.md", tmp_path) == 15
+    assert pg.Scene.load(tmp_path / "heavier.json").bodies[2].mass == 2.0
+    assert {"both.png", "hook.png"} < {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.slow
+def test_the_page_of_one_s_own_training_runs_as_printed(tmp_path: Path) -> None:
+    assert run_page(ROOT / "docs" / "train-your-own.md", tmp_path) == 13
+    for out, models in (("measured", ["propnet", "mine"]), ("measured-tiny", ["tiny"]), ("measured-cups", [])):
+        content = json.loads((tmp_path / out / "results.json").read_text())
+        assert {row["model"] for row in content["rows"]} == {"still", "contact", *models, "noise_floor"}
+        assert (tmp_path / out / "histogram.png").stat().st_size > 10_000
+    assert pg.load(tmp_path / "mine.safetensors").record["data"]["setup"] == "own"
+
+
+def test_the_scene_files_of_the_pages_are_valid() -> None:
+    page = (ROOT / "docs" / "first-scene.md").read_text()
+    (text,) = re.findall(r"```json\n(.*?)```", page, re.S)
+    assert pg.Scene.from_json(text).names == ("tray", "flap", "cup")
 
 
 LONG = ("05_push_to_a_goal_by_gradient", "07_weigh_by_pushing", "09_own_network", "10_own_setup")

@@ -14,10 +14,12 @@ ORDER = [
     "extras",
     "cores",
     "device",
+    "own_modules",
     "written_number",
     "checksum",
     "storage",
     "stored_array",
+    "arrays",
     "array_input",
     "isolation",
     "notebook",
@@ -43,6 +45,7 @@ ORDER = [
     "parts",
     "scene_file",
     "scene",
+    "scene_at",
     "parting",
     "lever_scene",
     "scene_parts",
@@ -121,6 +124,17 @@ def test_importing_pushgraph_is_quick_and_every_public_name_exists() -> None:
     import pushgraph
 
     assert all(getattr(pushgraph, name) is not None for name in pushgraph.__all__)
+
+
+def test_scenes_and_the_command_s_help_need_no_torch_and_take_less_than_a_second() -> None:
+    load = f"import pushgraph as pg; pg.Scene.load({str(SOURCE / 'scenes' / 'demo.json')!r}); pg.Track"
+    of_help = "import pushgraph.cli; sys.argv = ['pushgraph', '--help']; pushgraph.cli.main()"
+    begin = "import atexit, sys, time; t = time.time(); "
+    end = "atexit.register(lambda: print('torch' in sys.modules, time.time() - t)); "
+    for code in (load, of_help):
+        command = [sys.executable, "-c", begin + end + code]
+        tries = (subprocess.run(command, capture_output=True, text=True, check=True).stdout.split() for _ in range(5))
+        assert any((words[-2] == "False") and float(words[-1]) < 1 for words in tries)
 
 
 def test_every_dependency_is_explained_and_pinned() -> None:

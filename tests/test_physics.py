@@ -143,7 +143,7 @@ def test_what_is_not_given_is_not_used(tmp_path) -> None:
         (("predict", "demo", "--model", "best.safetensors"), "no such file"),
         (("predict", "nothing.json"), "shipped scenes: demo"),
         (("evaluate", "physics", "--seed", "5", "--count", "1", "--objects", "6"), "seeds below 1,000,000"),
-        (("evaluate", "physics", "--objects", "7"), "valid: 6, 9, 12"),
+        (("evaluate", "physics", "--setup", "camera", "--objects", "7"), "no scene of 7 objects; valid: 2, 3, 4, 5"),
     ],
 )
 def test_what_does_not_fit_is_said_and_the_exit_status_is_not_zero(

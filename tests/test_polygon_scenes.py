@@ -35,10 +35,10 @@ def test_contact_of_a_drawn_cuboid_is_that_of_the_cuboid() -> None:
     as_polygon = Scene(bodies=(drawn("box", 0, 0, 0.3), *others))
     pairs = [(0, 1), (0, 2), (1, 2)]
     one, other = as_cuboid.contacts(pairs), as_polygon.contacts(pairs)
-    assert other.gap.numpy() == pytest.approx(one.gap.numpy(), abs=1e-9)
-    assert other.normal.numpy() == pytest.approx(one.normal.numpy(), abs=1e-9)
+    assert other.gap == pytest.approx(one.gap, abs=1e-9)
+    assert other.normal == pytest.approx(one.normal, abs=1e-9)
     world = [
-        pose.transform(scene.poses_world_from_body[0], touch.points_a[0].numpy())
+        pose.transform(scene.poses_world_from_body[0], touch.points_a[0])
         for scene, touch in ((as_cuboid, one), (as_polygon, other))
     ]
     assert world[1] == pytest.approx(world[0], abs=1e-9)

@@ -53,7 +53,7 @@ def paper_plans() -> list[Plan]:
 
 def neighbour_gaps(scene: Scene) -> dict[tuple[str, str], float]:
     pairs = list(itertools.combinations(range(len(scene.bodies)), 2))
-    gaps = scene.contacts(pairs).gap.numpy()
+    gaps = scene.contacts(pairs).gap
     return {(scene.names[i], scene.names[j]): gap for (i, j), gap in zip(pairs, gaps, strict=True) if gap <= 0.0201}
 
 
@@ -211,7 +211,7 @@ def test_linkages_stand_as_they_do_without_their_joints() -> None:
 def test_rows_touch(plans_of_kinds: dict[str, list[Plan]]) -> None:
     longest = 0
     for plan in plans_of_kinds["rows"]:
-        gaps = plan.scene.contacts([(k, k + 1) for k in range(len(plan.scene.bodies) - 1)]).gap.numpy()
+        gaps = plan.scene.contacts([(k, k + 1) for k in range(len(plan.scene.bodies) - 1)]).gap
         row = 1 + int(np.argmax(np.abs([*gaps, 1.0]) > 1e-6))
         assert row >= 3
         longest = max(longest, row)

@@ -10,7 +10,10 @@ from pushgraph.contact import RoundedBox as RoundedBox
 from pushgraph.contact import contact_between as contact_between
 from pushgraph.contact import signed_gap as signed_gap
 from pushgraph.dataset.generate import generate as generate
+from pushgraph.dataset.own import write_dataset as write_dataset
 from pushgraph.dataset.store import Dataset as Dataset
+from pushgraph.dataset.window_dataset import Window as Window
+from pushgraph.dataset.window_dataset import WindowDataset as WindowDataset
 from pushgraph.dataset.windows import WindowBatch as WindowBatch
 from pushgraph.dataset.windows import WindowSampler as WindowSampler
 from pushgraph.errors import PushGraphError as PushGraphError

@@ -6,16 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pushgraph.array_input import Values, checked
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
 from pushgraph.device import device_of, place_of
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
-from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, concatenate, map_tensors, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.mass_chains import MassChains, MassPosterior
 from pushgraph.mass_memory import MassMemory
@@ -25,6 +27,7 @@ from pushgraph.mass_prior import MASS_CLASSES, MassClass
 from pushgraph.network.belief_network import BELIEFS, BeliefRecipe, Evidence, Memory, Rows
 from pushgraph.network.compiled.in_reach import bodies_in_reach
 from pushgraph.network.contract import Foreseeing, Foresight
+from pushgraph.scene import Scene
 
 CHUNK = 256
 """Scene-frames whose evidence is computed together."""
@@ -38,7 +41,7 @@ class Watch(NamedTuple):
     """Scenes being watched, with what is believed of them.
 
     begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known. probabilities:
-    of every joint, if they were asked for.
+    of every joint, if they were asked for. as_numpy: whether poses came as NumPy's, and answers shall.
     """
 
     view: View
@@ -47,10 +50,13 @@ class Watch(NamedTuple):
     begun: Bool[Tensor, "batch pairs"]
     masses: MassMemory | None
     probabilities: Float[Tensor, "batch pairs joints"] | None = None
+    as_numpy: bool = False
 
 
 class BeliefModel:
     """A trained belief network with the frozen physics network that it stands on.
+
+    What it is given may be of NumPy or torch; to poses of NumPy it answers in NumPy.
 
     record: how it was trained. prior: how likely each joint is of a pair of neighbours before anything is seen.
     """
@@ -107,18 +113,22 @@ class BeliefModel:
     @torch.inference_mode()
     def begin(
         self,
-        scenes: SceneBatch,
-        poses: Float[Tensor, "batch bodies 3"],
-        tool: Float[Tensor, "batch 3"],
-        down: Bool[Tensor, " batch"],
-        seen: Bool[Tensor, "batch bodies"],
+        scenes: SceneBatch | Sequence[Scene],
+        poses: Values,
+        tool: Values,
+        down: Values,
+        seen: Values,
         classes: Sequence[Sequence[MassClass]] | None = None,
     ) -> Watch:
         """Watch scenes from their first frame on; what is known of their joints and masses is taken as given.
 
-        classes: what bodies of unknown mass may weigh, of each scene; MASS_CLASSES by default.
+        poses: pose_world_from_body, [batch bodies 3]. tool: pose_world_from_tool, [batch 3]. down: whether it is down
+        on the table, [batch]. seen: whether each body is seen, [batch bodies]. classes: what bodies of unknown mass may
+        weigh, of each scene; MASS_CLASSES by default. Raises BeliefError if a shape or a dtype is another.
         """
-        scenes, poses, tool, down, seen = self._moved((scenes, poses, tool, down, seen))
+        as_numpy = isinstance(poses, np.ndarray)
+        scenes = (scenes if isinstance(scenes, SceneBatch) else batch_scenes(scenes)).to(self.device)
+        poses, tool, down, seen = _checked(scenes, poses, tool, down, seen)
         view, frame = first_look(scenes, poses, tool, down, seen)
         batch, pairs = frame.in_sight.shape
         watch = Watch(
@@ -127,6 +137,7 @@ class BeliefModel:
             poses.new_zeros(batch * poses.shape[1], self.network.hidden, dtype=torch.float32),
             torch.zeros_like(frame.in_sight),
             self._begin_masses(scenes, poses, classes or [MASS_CLASSES] * batch),
+            as_numpy=as_numpy,
         )
         return self._learn(watch, view, frame, None)
 
@@ -134,24 +145,25 @@ class BeliefModel:
     def observe(
         self,
         watch: Watch,
-        poses: Float[Tensor, "batch bodies 3"],
-        tool: Float[Tensor, "batch 3"],
-        down: Bool[Tensor, " batch"],
-        seen: Bool[Tensor, "batch bodies"],
-        wrench: Float[Tensor, "batch 3"] | None = None,
+        poses: Values,
+        tool: Values,
+        down: Values,
+        seen: Values,
+        wrench: Values | None = None,
     ) -> Watch:
-        """One frame more. wrench: of the bodies on the tool (N, N m), NaN where it was not measured."""
-        poses, tool, down, seen = self._moved((poses, tool, down, seen))
-        wrench = None if wrench is None else self._moved((wrench,))[0]
+        """One frame more, see `begin`. wrench: of the bodies on the tool (N, N m), [batch 3], NaN where it was not
+        measured."""
+        scenes = watch.view.state.scenes
+        poses, tool, down, seen = _checked(scenes, poses, tool, down, seen)
+        if wrench is not None:
+            shape = (len(poses), 3)
+            wrench = checked("wrench", wrench, shape, "real", scenes.mass, BeliefError, may_lack=True)
         return self._learn(watch, *look(watch.view, poses, tool, down, seen, bodies_in_reach), wrench)
 
     @property
     def device(self) -> torch.device:
         """What is computed on; inputs may be anywhere, masses are weighed on the processor."""
         return place_of(self.network)
-
-    def _moved(self, inputs: Any) -> Any:
-        return tuple(map_tensors(lambda values: values.to(self.device), one) for one in inputs)
 
     def _begin_masses(
         self, scenes: SceneBatch, poses: Tensor, classes: Sequence[Sequence[MassClass]]
@@ -170,12 +182,14 @@ class BeliefModel:
         encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
         memory = self.network.step(memory, rows, encoded, torch.ones_like(rows.scene, dtype=torch.bool))
         relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
-        watch = Watch(view, relations, memory.objects, watch.begun | evidence.active, watch.masses)
+        watch = Watch(
+            view, relations, memory.objects, watch.begun | evidence.active, watch.masses, as_numpy=watch.as_numpy
+        )
         return watch if watch.masses is None else self._weigh(watch, frame, foresight.motion, wrench)
 
     def _weigh(self, watch: Watch, frame: Frame, motion: Tensor, wrench: Tensor | None) -> Watch:
         """Learn about masses from a frame, bodies being joined as is likeliest."""
-        view, probabilities = watch.view, self.probabilities(watch)
+        view, probabilities = watch.view, self._probabilities(watch)
         relations, kind = view.state.relations, probabilities.argmax(-1)
         if (kind != relations.kind).any():
             relations = believe(view.state, kind, view.fits).relations
@@ -191,11 +205,16 @@ class BeliefModel:
         """What is believed of masses; raises BeliefError if this belief says nothing of them."""
         if watch.masses is None:
             raise BeliefError("no mass is unknown, or this belief says nothing of masses")
-        return watch.masses.chains.answer(watch.masses.evidence, watch.view.state.scenes)
+        told = watch.masses.chains.answer(watch.masses.evidence, watch.view.state.scenes)
+        return MassPosterior(*(values.cpu().numpy() for values in told)) if watch.as_numpy else told
 
     @torch.inference_mode()
-    def probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
+    def probabilities(self, watch: Watch) -> Float[Any, "batch pairs joints"]:
         """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
+        told = self._probabilities(watch)
+        return told.cpu().numpy() if watch.as_numpy else told
+
+    def _probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
         if watch.probabilities is not None:
             return watch.probabilities
         bodies = watch.view.first.shape[1]
@@ -205,6 +224,18 @@ class BeliefModel:
         shares = [self.prior.get(kind, 0.0) / TRAINING_PRIOR[kind] for kind in JOINT_CODES]
         weights = answers.new_tensor(shares)
         return complete(watch.view.state.scenes, (answers + weights.log()).softmax(-1), rows, weights > 0)
+
+
+def _checked(
+    scenes: SceneBatch, poses: Values, tool: Values, down: Values, seen: Values
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    batch, bodies = scenes.mass.shape
+    return (
+        checked("poses", poses, (batch, bodies, 3), "real", scenes.mass, BeliefError),
+        checked("tool", tool, (batch, 3), "real", scenes.mass, BeliefError),
+        checked("down", down, (batch,), "bool", scenes.mass, BeliefError),
+        checked("seen", seen, (batch, bodies), "bool", scenes.mass, BeliefError),
+    )
 
 
 def load_physics(kind: str, physics: str | os.PathLike | None = None) -> Checkpoint:

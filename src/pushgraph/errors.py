@@ -13,6 +13,10 @@ class TrackError(PushGraphError):
     """A track, or the file it came from, is not valid."""
 
 
+class GeometryError(PushGraphError):
+    """Shapes and poses that do not go together."""
+
+
 class SimulationError(PushGraphError):
     """The simulator cannot run this scene."""
 
@@ -23,6 +27,14 @@ class ArmError(PushGraphError):
 
 class SetupError(PushGraphError):
     """A setup is unknown, or cannot be drawn with these numbers."""
+
+
+class OwnModuleError(PushGraphError):
+    """A Python file that shall register something cannot be run."""
+
+
+class ChoiceError(PushGraphError):
+    """There is nothing of the name that a command was given."""
 
 
 class DatasetError(PushGraphError):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -31,17 +31,17 @@ class MassPosterior(NamedTuple):
 
     probabilities: of the scene's classes. median, low, high: kg; low and high are the ends of the interval that holds
     68 %. slide_median, slide_low, slide_high: of the force that slides it, table friction times weight (N). samples:
-    logarithms of masses (kg) as they may be together.
+    logarithms of masses (kg) as they may be together. Of NumPy or torch.
     """
 
-    probabilities: Float[Tensor, "batch bodies classes"]
-    median: Float[Tensor, "batch bodies"]
-    low: Float[Tensor, "batch bodies"]
-    high: Float[Tensor, "batch bodies"]
-    slide_median: Float[Tensor, "batch bodies"]
-    slide_low: Float[Tensor, "batch bodies"]
-    slide_high: Float[Tensor, "batch bodies"]
-    samples: Float[Tensor, "batch samples bodies"]
+    probabilities: Float[Any, "batch bodies classes"]
+    median: Float[Any, "batch bodies"]
+    low: Float[Any, "batch bodies"]
+    high: Float[Any, "batch bodies"]
+    slide_median: Float[Any, "batch bodies"]
+    slide_low: Float[Any, "batch bodies"]
+    slide_high: Float[Any, "batch bodies"]
+    samples: Float[Any, "batch samples bodies"]
 
 
 class MassPriors(NamedTuple):

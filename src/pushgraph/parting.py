@@ -1,7 +1,6 @@
 """Bodies that noise has pressed into each other, moved apart."""
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from pushgraph import pose
@@ -20,12 +19,12 @@ def parted(scene: Scene, poses: Float[np.ndarray, "bodies 3"]) -> Float[np.ndarr
     boxes = rounded_boxes([simple(body.shape) for body in scene.bodies])
     first, second = (np.array(column) for column in zip(*apart, strict=True))
     for _ in range(ROUNDS):
-        between = torch.from_numpy(pose.relative(poses[first], poses[second]))
-        touch = contact_between(take(boxes, torch.from_numpy(first)), take(boxes, torch.from_numpy(second)), between)
-        deep = np.maximum(-touch.gap.numpy() - 0.9 * OVERLAP, 0)
+        between = pose.relative(poses[first], poses[second])
+        touch = contact_between(take(boxes, first), take(boxes, second), between)
+        deep = np.maximum(-touch.gap - 0.9 * OVERLAP, 0)
         if deep.max() == 0:
             break
-        give = pose.rotate(touch.normal.numpy(), poses[first, 2]) * (deep / 2)[:, None]
+        give = pose.rotate(touch.normal, poses[first, 2]) * (deep / 2)[:, None]
         np.add.at(poses[:, :2], first, -give)
         np.add.at(poses[:, :2], second, give)
     return poses

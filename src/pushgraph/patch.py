@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-import torch
 from jaxtyping import Bool, Float, Int
 
 from pushgraph import pose
@@ -203,12 +202,11 @@ def _overlapping(placed: Sequence[tuple[Cuboid | Cylinder | Polygon, Pose]]) -> 
         poses = np.array([placed[k][1] for k, _ in parts])
         poses = pose.compose(poses, np.array([part.pose_body_from_part for _, part in parts]))
         boxes = rounded_boxes([part.shape for _, part in parts])
-        reach = (boxes.half_extents.norm(dim=-1) + boxes.radius).numpy()
+        reach = np.hypot(*boxes.half_extents.T) + boxes.radius
         away = np.hypot(*np.moveaxis(poses[:, None, :2] - poses[None, :, :2], -1, 0))
         a, b = np.nonzero((away < reach[:, None] + reach) & (owner[:, None] < owner))
         if len(a):
-            relative = torch.from_numpy(pose.relative(poses[a], poses[b]))
-            gap = signed_gap(take(boxes, torch.from_numpy(a)), take(boxes, torch.from_numpy(b)), relative).numpy()
+            gap = signed_gap(take(boxes, a), take(boxes, b), pose.relative(poses[a], poses[b]))
             for i, j in {*zip(owner[a[gap < -TOUCH]].tolist(), owner[b[gap < -TOUCH]].tolist(), strict=True)}:
                 group[group == group[j]] = group[i]
     return [np.flatnonzero(group == one).tolist() for one in dict.fromkeys(group.tolist())]

@@ -9,7 +9,6 @@ from itertools import combinations
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
@@ -179,7 +178,7 @@ class Scene(SceneFile):
                 )
         apart = self.pairs_that_collide
         if apart:
-            gaps = self.contacts(apart).gap.numpy()
+            gaps = self.contacts(apart).gap
             if gaps.min() < -OVERLAP:
                 i, j = apart[int(gaps.argmin())]
                 raise ValueError(
@@ -256,7 +255,7 @@ class Scene(SceneFile):
     ) -> Float[np.ndarray, "frames pairs"]:
         """Signed gap (m) of pairs of bodies (indices) as they move; infinite where their circles stand apart."""
         parts = parts_of([body.shape for body in self.bodies])
-        owned = [np.flatnonzero(parts.owner.numpy() == body) for body in range(len(self.bodies))]
+        owned = [np.flatnonzero(parts.owner == body) for body in range(len(self.bodies))]
         of_pair, first, second = np.array(
             [(k, m, n) for k, (a, b) in enumerate(pairs) for m in owned[a] for n in owned[b]]
         ).T
@@ -265,12 +264,10 @@ class Scene(SceneFile):
         frame, near = np.nonzero(distance < parts.circles[first] + parts.circles[second])
         a, b = first[near], second[near]
         gaps = signed_gap(
-            take(parts.boxes, torch.from_numpy(a)),
-            take(parts.boxes, torch.from_numpy(b)),
-            torch.from_numpy(pose.relative(poses[frame, a], poses[frame, b])),
+            take(parts.boxes, a), take(parts.boxes, b), pose.relative(poses[frame, a], poses[frame, b])
         )
         least = np.full((len(poses), len(pairs)), np.inf)
-        np.minimum.at(least, (frame, of_pair[near]), gaps.numpy())
+        np.minimum.at(least, (frame, of_pair[near]), gaps)
         return least
 
     def tool_gaps(
@@ -289,14 +286,14 @@ class Scene(SceneFile):
         bodies = parts_of([body.shape for body in self.bodies])
         poses = np.broadcast_to(bodies.poses(poses_world_from_body), (len(poses_world_from_tool), len(bodies.owner), 3))
         between = poses[:, :, None, :2] - poses_world_from_part[:, None, :, :2]
-        circles = bodies.circles[:, None] + (tool_boxes.half_extents.norm(dim=-1) + tool_boxes.radius).numpy()
+        circles = bodies.circles[:, None] + np.hypot(*tool_boxes.half_extents.T) + tool_boxes.radius
         gaps = np.hypot(between[..., 0], between[..., 1]) - circles
         at, body, part = np.nonzero(gaps < NEAR)
         gaps[at, body, part] = signed_gap(
-            take(bodies.boxes, torch.from_numpy(body)),
-            take(tool_boxes, torch.from_numpy(part)),
-            torch.from_numpy(pose.relative(poses[at, body], poses_world_from_part[at, part])),
-        ).numpy()
+            take(bodies.boxes, body),
+            take(tool_boxes, part),
+            pose.relative(poses[at, body], poses_world_from_part[at, part]),
+        )
         return bodies.least(gaps.min(-1))
 
     def joint_frame(self, joint: Joint) -> JointFrame:
@@ -304,7 +301,7 @@ class Scene(SceneFile):
         parent, child = self.names.index(joint.parent), self.names.index(joint.child)
         touch = self.contacts([(parent, child)])
         poses = self.poses_world_from_body
-        return place_joint(joint, poses[parent], poses[child], float(touch.gap[0]), touch.middle[0].numpy())
+        return place_joint(joint, poses[parent], poses[child], float(touch.gap[0]), touch.middle[0])
 
     def with_nominal_values(self) -> "Scene":
         """Return the scene with every unknown mass and friction at its nominal value."""

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from pushgraph.errors import SceneError
 from pushgraph.json_file import parse, read_text
 from pushgraph.record import Record, explain
+from pushgraph.storage import replacing
 
 AnyScene = TypeVar("AnyScene", bound="SceneFile")
 
@@ -27,6 +28,11 @@ class SceneFile(Record):
     def to_json(self, indent: int | None = 2) -> str:
         """The scene as JSON text; `from_json` reads it back bit for bit."""
         return self.model_dump_json(indent=indent)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the scene as JSON; `load` reads it back bit for bit."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.to_json() + "\n", encoding="utf-8")
 
     @classmethod
     def from_json(cls: type[AnyScene], text: str | bytes, source: str = "scene", trusted: bool = False) -> AnyScene:

@@ -56,7 +56,7 @@ def in_parts(scene: Scene) -> SceneInParts:
     if not any(isinstance(body.shape, Polygon) for body in scene.bodies):
         return SceneInParts(scene, np.arange(count), np.zeros((count, 3)))
     parts = parts_of([body.shape for body in scene.bodies])
-    owner = parts.owner.numpy()
+    owner = parts.owner
     first = np.searchsorted(owner, np.arange(count))
     poses = parts.poses(scene.poses_world_from_body)
     names = [f"{k}" for k in range(len(owner))]
@@ -117,7 +117,7 @@ def in_parts(scene: Scene) -> SceneInParts:
     }
     # It was checked as a whole: no part overlaps what its body does not.
     taken_apart = Scene.model_validate(fields, context=TRUSTED)
-    return SceneInParts(taken_apart, first, parts.pose_body_from_part.numpy()[first], patches)
+    return SceneInParts(taken_apart, first, parts.pose_body_from_part[first], patches)
 
 
 def _patch_of_first(body: Body) -> BodyPatch:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-import torch
 from pydantic import Field, field_validator
 
 from pushgraph import outline
+from pushgraph.arrays import Array
 from pushgraph.contact import RoundedBox
 from pushgraph.record import Record
 
@@ -146,10 +146,10 @@ def simple(shape: Cylinder | Cuboid | Polygon) -> Cylinder | Cuboid:
 
 def rounded_boxes(shapes: Sequence[Cylinder | Cuboid]) -> RoundedBox:
     """Shapes as one batch for `pushgraph.contact` (float64)."""
-    cores = torch.tensor([shape.core for shape in shapes], dtype=torch.float64).reshape(-1, 3)
+    cores = np.array([shape.core for shape in shapes], dtype=float).reshape(-1, 3)
     return RoundedBox(cores[:, :2], cores[:, 2])
 
 
-def take(boxes: RoundedBox, index: torch.Tensor) -> RoundedBox:
+def take(boxes: RoundedBox, index: Array) -> RoundedBox:
     """Some rows of a batch of shapes."""
     return RoundedBox(boxes.half_extents[index], boxes.radius[index])

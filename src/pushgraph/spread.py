@@ -14,11 +14,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from pushgraph import pose
+from pushgraph.arrays import is_tensor, namespace
 
 Array = Any  # np.ndarray or Tensor, the same throughout
 UNITS = dict(direction="rad", along="m", across="m", degrees="", farthest="m", yaw="rad", yaw_degrees="")
@@ -76,7 +75,7 @@ class Spread(NamedTuple):
         The same numbers in every frame make one course of a body's error. Differentiable.
         """
         radius, angle = self._radius(uniform[..., 0]), 2 * math.pi * uniform[..., 1]
-        xp = torch if isinstance(angle, Tensor) else np
+        xp = namespace(angle)
         own = xp.stack((radius * xp.cos(angle) * self.along, radius * xp.sin(angle) * self.across), axis=-1)
         signed = 2 * uniform[..., 2] - 1
         turn = xp.sign(signed) * self._turn(1 - abs(signed))
@@ -86,13 +85,12 @@ class Spread(NamedTuple):
         """Draw errors x, y (m, world axes), yaw (rad); in a sample those of a body belong together in all frames."""
         *batch, frames, bodies = self.along.shape
         uniform = np.broadcast_to(rng.random((count, *batch, 1, bodies, 3)), (count, *batch, frames, bodies, 3))
-        if isinstance(self.along, Tensor):
-            return self.errors(torch.tensor(uniform, dtype=self.along.dtype, device=self.along.device))
-        return self.errors(uniform)
+        return self.errors(self.along.new_tensor(uniform) if is_tensor(self.along) else uniform)
 
     def numpy(self) -> "Spread":
         """The same as NumPy arrays in float64."""
-        return Spread(*(np.asarray(torch.as_tensor(values).detach().cpu(), dtype=float) for values in self))
+        arrays = (values.detach().cpu() if is_tensor(values) else values for values in self)
+        return Spread(*(np.asarray(values, dtype=float) for values in arrays))
 
     def take(self, index: Any) -> "Spread":
         """Some of it: the arrays indexed."""
@@ -119,8 +117,8 @@ def _inverse(probability: float | Array) -> float | Array:
 
 
 def _smaller(a: Array, b: Array) -> Array:
-    return torch.minimum(a, b) if isinstance(a, Tensor) else np.minimum(a, b)
+    return namespace(a).minimum(a, b)
 
 
 def _larger(a: Array, b: Array) -> Array:
-    return torch.maximum(a, b) if isinstance(a, Tensor) else np.maximum(a, b)
+    return namespace(a).maximum(a, b)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Any
 
-import typer
+from pushgraph.errors import ChoiceError
 
 
 class Relations(StrEnum):
@@ -77,13 +77,6 @@ class Risk(StrEnum):
     PERCENTILE = "percentile"
 
 
-class BeliefSetup(StrEnum):
-    """Setups that beliefs are measured in."""
-
-    MULTIPLE_PARTS = "multiple-parts"
-    JOINTED = "jointed"
-
-
 class Up(StrEnum):
     """Axis of spatial poses that points off the table."""
 
@@ -93,12 +86,16 @@ class Up(StrEnum):
 
 
 def one_of(names: Callable[[], Iterable[str]], metavar: str = "NAME") -> dict[str, Any]:
-    """Settings of a typer option or argument that is one of the names which a registry holds when it is asked."""
+    """Settings of a typer option or argument that is one of the names which a registry holds when it is asked.
+
+    Any other is an error of ours (exit status 1), as it is in Python, and no error of usage (2): what is registered by
+    `--import` is no part of the usage.
+    """
 
     def parse(value: str) -> str:
         valid = list(names())
         if value not in valid:
-            raise typer.BadParameter(f"{value!r} is not one of {', '.join(map(repr, valid))}.")
+            raise ChoiceError(f"{metavar.lower()} {value!r}: there is none of this name; valid: {', '.join(valid)}")
         return value
 
     def complete(incomplete: str) -> list[str]:
@@ -110,9 +107,15 @@ def one_of(names: Callable[[], Iterable[str]], metavar: str = "NAME") -> dict[st
 def setups() -> list[str]:
     """What `pushgraph generate` draws."""
     from pushgraph.simulation.lever_setup import LEVER_UP
+
+    return [*drawn_setups(), LEVER_UP]
+
+
+def drawn_setups() -> list[str]:
+    """The setups of planar scenes."""
     from pushgraph.simulation.setups import SETUPS
 
-    return [*SETUPS, LEVER_UP]
+    return list(SETUPS)
 
 
 def engines() -> list[str]:

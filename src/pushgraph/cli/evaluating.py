@@ -1,23 +1,36 @@
-"""The commands of `pushgraph evaluate`."""
+"""The commands of `pushgraph evaluate` that measure the networks for joints and motion."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress
 from rich.table import Table
 
-from pushgraph.cli.choices import BeliefSetup
-from pushgraph.cli.output import BAR, console
-from pushgraph.cores import usable_cores
+from pushgraph.cli.output import console
+from pushgraph.cli.suites import (
+    CORES,
+    Belief,
+    Contact,
+    Count,
+    Data,
+    Models,
+    Objects,
+    Out,
+    Seed,
+    Setup,
+    Workers,
+    measure,
+    models_of,
+    numbers_measured,
+    numbers_of,
+    say_written,
+)
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.coupled import CoupledErrors
     from pushgraph.evaluation.results import Results
-
-Scenes = TypeVar("Scenes")
 
 app = typer.Typer(help="Measure the shipped networks, or your own.", no_args_is_help=True)
 
@@ -27,89 +40,81 @@ def evaluate() -> None:
     """Measure the shipped networks, or your own."""
 
 
-Count = Annotated[int, typer.Option(min=1, help="Scenes for each number of objects.")]
-Seed = Annotated[int, typer.Option(min=0, help="From 1,000,000 on: test scenes.")]
-Out = Annotated[Path, typer.Option(help="Folder for results.json and figures.")]
-Objects = Annotated[int | None, typer.Option(help="6, 9 or 12.", show_default="all three")]
-Workers = Annotated[int, typer.Option(min=1, help="Processes.", show_default="one a core")]
-CORES = usable_cores()
-
-
 @app.command("physics")
 def physics(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-physics"),
     objects: Objects = None,
-    contact: Annotated[str, typer.Option(help="Checkpoint to measure as contact.")] = "contact",
-    propnet: Annotated[str, typer.Option(help="Checkpoint to measure as propnet.")] = "propnet",
+    setup: Setup = "multiple-parts",
+    data: Data = None,
+    model: Models = None,
     workers: Workers = CORES,
 ) -> None:
-    """Roll out `contact` and `propnet` against simulation, beside standing still and the noise floor.
+    """Roll out `contact`, `propnet` or your own against simulation, beside standing still and the noise floor.
 
     Examples:
 
     `pushgraph evaluate physics --count 1000 --objects 9 --out result`
 
-    `pushgraph evaluate physics --count 120 --contact my.safetensors`
+    `pushgraph evaluate physics --model contact --model mine=my.safetensors --data my.h5`
     """
     from pushgraph.evaluation.figures import save_histogram
     from pushgraph.evaluation.physics import evaluate_physics
 
-    models = {"propnet": propnet, "contact": contact}
-    results, scenes = measure(evaluate_physics, numbers_of(objects), count, seed, models, workers)
+    models = models_of(model, ("propnet", "contact"), ("still", "noise_floor"))
+    numbers = numbers_of(objects, setup, data)
+    results, scenes = measure(evaluate_physics, numbers, count, seed, models, workers, data, setup=setup)
     results.save(out / "results.json")
-    save_histogram(scenes, ("still", "propnet", "contact", "noise_floor"), out / "histogram.png")
-    for number in numbers_of(objects):
+    save_histogram(scenes, ("still", *models, "noise_floor"), out / "histogram.png")
+    for number in numbers_measured(results):
         console.print(_physics_table(results, number))
     say_written(out, "histogram.png")
 
 
 @app.command("belief")
 def belief(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-belief"),
     objects: Objects = None,
-    belief: Annotated[str, typer.Option(help="Checkpoint to measure as belief.")] = "belief",
-    paper_recipe: Annotated[str, typer.Option(help="Checkpoint to measure as paper_recipe.")] = "paper_recipe",
-    setup: Annotated[
-        BeliefSetup, typer.Option(help="jointed: half with joints anywhere.")
-    ] = BeliefSetup.MULTIPLE_PARTS,
+    setup: Setup = "multiple-parts",
+    data: Data = None,
+    model: Models = None,
     workers: Workers = CORES,
 ) -> None:
-    """Watch test scenes with `belief` and `paper_recipe`, and score what they say is joined, beside perfect inference.
+    """Watch test scenes with `belief`, `paper_recipe` or your own, and score what they say is joined, beside perfect
+    inference.
 
     Examples:
 
     `pushgraph evaluate belief --count 500 --objects 9 --out result`
 
-    `pushgraph evaluate belief --setup jointed --count 120 --belief my.safetensors`
+    `pushgraph evaluate belief --setup jointed --model belief --model mine=my.safetensors`
     """
-    from functools import partial
-
-    from pushgraph.evaluation.belief import evaluate_belief
+    from pushgraph.evaluation.belief import INFORMED, evaluate_belief
     from pushgraph.evaluation.figures import save_belief_curves, save_reliability
 
-    models = {"belief": belief, "paper_recipe": paper_recipe}
-    suite = partial(evaluate_belief, setup=setup.value)
-    results, scenes = measure(suite, numbers_of(objects), count, seed, models, workers)
+    models = models_of(model, ("belief", "paper_recipe"), (INFORMED,))
+    numbers = numbers_of(objects, setup, data)
+    results, scenes = measure(evaluate_belief, numbers, count, seed, models, workers, data, setup=setup)
     results.save(out / "results.json")
     save_belief_curves(results.rows, out / "curves.png")
     save_reliability(scenes, tuple(models), out / "reliability.png")
-    for number in numbers_of(objects):
+    for number in numbers_measured(results):
         console.print(_belief_table(results, number))
     say_written(out, "curves.png", "reliability.png")
 
 
 @app.command("coupled")
 def coupled(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-coupled"),
     objects: Objects = None,
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
-    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    data: Data = None,
+    contact: Contact = "contact",
+    belief: Belief = "belief",
     workers: Workers = CORES,
 ) -> None:
     """Predict test scenes with what is believed after so many observed frames, beside true and assumed joints.
@@ -124,25 +129,24 @@ def coupled(
     from pushgraph.evaluation.figures import save_coupled_curves
 
     models = {"contact": contact, "belief": belief}
-    results, scenes = measure(evaluate_coupled, numbers_of(objects), count, seed, models, workers)
+    results, scenes = measure(evaluate_coupled, numbers_of(objects, data=data), count, seed, models, workers, data)
     results.save(out / "results.json")
     save_coupled_curves(scenes, out / "coupled.png")
-    for number in numbers_of(objects):
+    for number in numbers_measured(results):
         console.print(_coupled_table(scenes, number))
     say_written(out, "coupled.png")
 
 
 @app.command("spread")
 def spread(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-spread"),
-    objects: Annotated[
-        list[int] | None, typer.Option(help="6, 9 or 12; may be given several times.", show_default="all three")
-    ] = None,
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    objects: Objects = None,
+    data: Data = None,
+    contact: Contact = "contact",
     spread: Annotated[str, typer.Option(help="Checkpoint that says how surely.")] = "spread",
-    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    belief: Belief = "belief",
     workers: Workers = CORES,
 ) -> None:
     """Compare how far off predictions of test scenes may be, as stated, with how far off they are.
@@ -157,41 +161,12 @@ def spread(
     from pushgraph.evaluation.spread import evaluate_spread
 
     models = {"contact": contact, "spread": spread, "belief": belief}
-    results, scenes = measure(evaluate_spread, numbers_of(objects), count, seed, models, workers)
+    results, scenes = measure(evaluate_spread, numbers_of(objects, data=data), count, seed, models, workers, data)
     results.save(out / "results.json")
     save_coverage(scenes, out / "coverage.png")
-    for number in numbers_of(objects):
+    for number in numbers_measured(results):
         console.print(_spread_table(results, number))
     say_written(out, "coverage.png")
-
-
-def numbers_of(objects: int | list[int] | None, valid: tuple[int, ...] = (6, 9, 12)) -> tuple[int, ...]:
-    """The numbers of objects that are asked for: all that are valid, if none is given."""
-    chosen = (objects,) if isinstance(objects, int) else tuple(dict.fromkeys(objects or valid))
-    for number in chosen:
-        if number not in valid:
-            raise typer.BadParameter(f"{number}; valid: {', '.join(map(str, valid))}", param_hint="--objects")
-    return chosen
-
-
-def measure(
-    suite: Callable[[tuple[int, ...], int, int, dict[str, str], int, Callable[[int], None]], tuple["Results", Scenes]],
-    numbers: tuple[int, ...],
-    count: int,
-    seed: int,
-    models: dict[str, str],
-    workers: int,
-) -> tuple["Results", Scenes]:
-    """Run a suite behind a progress bar."""
-    with Progress(*BAR, console=console) as progress:
-        task = progress.add_task("scenes", total=count * len(numbers))
-        return suite(numbers, count, seed, models, workers, lambda done: progress.update(task, completed=done))
-
-
-def say_written(out: Path, *figures: str) -> None:
-    """Tell where the files are."""
-    written = ", ".join(str(out / name) for name in ("results.json", *figures))
-    console.print(f"Written: {written}", soft_wrap=True, markup=False)
 
 
 def _physics_table(results: "Results", objects: int) -> Table:

@@ -9,13 +9,16 @@ import typer
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, say_written
 from pushgraph.cli.output import BAR, console
+from pushgraph.cli.suites import CORES, Out, Seed, Workers, say_written, without_data
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.lever_up import LeverCase
     from pushgraph.evaluation.results import Results
 
+_NO_DATA = without_data(
+    "boards are levered from the four sides of drives that it draws itself; choose others by --seed and --count"
+)
 FINAL = ("final_position_error_mm", "final_rotation_error_deg")
 
 
@@ -26,6 +29,7 @@ def lever_up(
     network: Annotated[str, typer.Option(help="Checkpoint to measure as network; none: only what beside it is.")] = (
         "lever_up"
     ),
+    data: Annotated[str | None, _NO_DATA] = None,
     workers: Workers = CORES,
 ) -> None:
     """Predict boards that are levered up out of drives never seen, beside two baselines and the noise floor.

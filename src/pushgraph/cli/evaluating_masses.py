@@ -9,54 +9,78 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from pushgraph.cli.evaluating import CORES, Count, Objects, Out, Seed, Workers, measure, numbers_of, say_written
 from pushgraph.cli.output import BAR, console
+from pushgraph.cli.suites import (
+    CORES,
+    COUNT,
+    Belief,
+    Contact,
+    Count,
+    Data,
+    Models,
+    Objects,
+    Out,
+    Seed,
+    Workers,
+    measure,
+    models_of,
+    numbers_measured,
+    numbers_of,
+    say_written,
+    without_data,
+)
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.controlled_masses import ControlledScene
-    from pushgraph.evaluation.coupled_masses import CoupledMassErrors
+    from pushgraph.evaluation.coupled import CoupledErrors
     from pushgraph.evaluation.results import Results
 
-Belief = Annotated[str, typer.Option(help="Checkpoint to measure as belief.")]
+_NO_DATA = without_data(
+    "it compares beliefs with simulations of every ratio of masses in its own two scenes; give --data to masses instead"
+)
 
 
 def masses(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-masses"),
     objects: Objects = None,
-    belief: Belief = "belief",
+    data: Data = None,
+    model: Models = None,
     workers: Workers = CORES,
 ) -> None:
-    """Watch test scenes with `belief`, and score what it says bodies weigh, beside the best that motion allows.
+    """Watch test scenes with `belief` or your own, and score what it says bodies weigh, beside the best that motion
+    allows.
 
     Examples:
 
     `pushgraph evaluate masses --count 500 --objects 9 --out result`
 
-    `pushgraph evaluate masses --count 120 --belief my.safetensors`
+    `pushgraph evaluate masses --count 120 --model belief --model mine=my.safetensors`
     """
     from pushgraph.evaluation.mass_figures import save_mass_curves
-    from pushgraph.evaluation.masses import evaluate_masses
+    from pushgraph.evaluation.masses import OBSERVERS, evaluate_masses
 
-    numbers = numbers_of(objects)
-    results, _ = measure(evaluate_masses, numbers, count, seed, {"belief": belief}, workers)
+    models = models_of(model, ("belief",), OBSERVERS)
+    results, _ = measure(evaluate_masses, numbers_of(objects, data=data), count, seed, models, workers, data)
     results.save(out / "results.json")
     save_mass_curves(results.rows, out / "curves.png")
-    for number in numbers:
+    for number in numbers_measured(results):
         console.print(*_masses_tables(results, number))
     say_written(out, "curves.png")
 
 
 def controlled_masses(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-controlled-masses"),
-    objects: Annotated[int | None, typer.Option(help="2 or 3.", show_default="both")] = None,
-    belief: Belief = "belief",
+    objects: Annotated[list[int] | None, typer.Option(help="2 or 3; again.", show_default="both")] = None,
+    data: Annotated[str | None, _NO_DATA] = None,
+    model: Models = None,
     workers: Workers = CORES,
 ) -> None:
-    """Compare what `belief` says of two scenes of which only the masses change with the best that can be said.
+    """Compare what `belief` or your own says of two scenes of which only the masses change with the best that can be
+    said.
 
     For that, every ratio of masses is simulated, the first time on a machine: some minutes.
 
@@ -64,12 +88,12 @@ def controlled_masses(
 
     `pushgraph evaluate controlled-masses --count 1000 --out result`
 
-    `pushgraph evaluate controlled-masses --objects 2 --belief my.safetensors`
+    `pushgraph evaluate controlled-masses --objects 2 --model mine=my.safetensors`
     """
-    from pushgraph.evaluation.controlled_masses import CONTROLLED_OBJECTS, evaluate_controlled_masses
+    from pushgraph.evaluation.controlled_masses import OBSERVERS, SETUP, evaluate_controlled_masses
     from pushgraph.evaluation.mass_figures import save_alike, save_confusion, save_mass_histograms
 
-    numbers = numbers_of(objects, CONTROLLED_OBJECTS)
+    models, numbers, count = models_of(model, ("belief",), OBSERVERS), numbers_of(objects, SETUP), count or COUNT
     with Progress(*BAR, console=console) as progress:
         once = progress.add_task("simulations, once", total=None, visible=False)
         task = progress.add_task("scenes", total=count * len(numbers))
@@ -77,7 +101,7 @@ def controlled_masses(
             numbers,
             count,
             seed,
-            {"belief": belief},
+            models,
             workers,
             lambda done: progress.update(task, completed=done),
             lambda done, total: progress.update(once, completed=done, total=total, visible=True),
@@ -94,12 +118,13 @@ def controlled_masses(
 
 
 def coupled_masses(
-    count: Count = 120,
+    count: Count = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-coupled-masses"),
     objects: Objects = None,
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
-    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    data: Data = None,
+    contact: Contact = "contact",
+    belief: Belief = "belief",
     workers: Workers = CORES,
 ) -> None:
     """Predict test scenes with the masses believed after so many observed frames, beside true and mean ones.
@@ -113,11 +138,11 @@ def coupled_masses(
     from pushgraph.evaluation.coupled_masses import evaluate_coupled_masses
     from pushgraph.evaluation.mass_figures import save_coupled_mass_curves
 
-    numbers, models = numbers_of(objects), {"contact": contact, "belief": belief}
-    results, scenes = measure(evaluate_coupled_masses, numbers, count, seed, models, workers)
+    models, numbers = {"contact": contact, "belief": belief}, numbers_of(objects, data=data)
+    results, scenes = measure(evaluate_coupled_masses, numbers, count, seed, models, workers, data)
     results.save(out / "results.json")
     save_coupled_mass_curves(scenes, out / "coupled.png")
-    for number in numbers:
+    for number in numbers_measured(results):
         console.print(_coupled_table(scenes, number))
     say_written(out, "coupled.png")
 
@@ -138,7 +163,7 @@ def _masses_tables(results: "Results", objects: int) -> list[Table]:
     from pushgraph.evaluation.masses import INPUTS
 
     tables = []
-    for given in INPUTS:
+    for given in [given for given in INPUTS if any(row["input"] == given for row in results.rows)]:
         title = f"Masses from {given.replace('_', ' ')}, {objects} objects"
         table = Table(title=title, pad_edge=False)
         wanted = [
@@ -199,8 +224,9 @@ def _controlled_tables(results: "Results", scenes: Sequence["ControlledScene"], 
     return [numbers, bars]
 
 
-def _coupled_table(scenes: Sequence["CoupledMassErrors"], objects: int) -> Table:
-    from pushgraph.evaluation.coupled_masses import MODELS, TIMES, mean_and_standard_error
+def _coupled_table(scenes: Sequence["CoupledErrors"], objects: int) -> Table:
+    from pushgraph.evaluation.coupled import mean_and_standard_error
+    from pushgraph.evaluation.coupled_masses import MODELS, TIMES
 
     title = f"Rollouts of 50 frames, {objects} objects (mean error ± standard error, cm)"
     table = Table(title=title, pad_edge=False)

@@ -10,18 +10,34 @@ from rich.table import Table
 
 from pushgraph.cli import choices
 from pushgraph.cli.choices import one_of
-from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, measure, numbers_of, say_written
 from pushgraph.cli.output import BAR, console
+from pushgraph.cli.suites import (
+    CORES,
+    Belief,
+    Contact,
+    Out,
+    Seed,
+    Workers,
+    measure,
+    say_written,
+    without_data,
+)
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.results import Results
+
+
+_NO_DATA = without_data(
+    "it makes its own pushes, towards goals and one after what came of the last; what recorded pushes did cannot answer"
+)
 
 
 def tools(
     count: Annotated[int | None, typer.Option(min=1, help="Tasks, spread over all.", show_default="all")] = None,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-tools"),
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    contact: Contact = "contact",
+    data: Annotated[str | None, _NO_DATA] = None,
     workers: Workers = CORES,
 ) -> None:
     """Choose a tool and pushes that bring a cylinder to a goal, predicted and executed, beside MuJoCo as the dynamics.
@@ -56,9 +72,9 @@ def clutter(
     count: Annotated[int, typer.Option(min=1, help="Scenes for each number of objects.")] = 60,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-clutter"),
-    objects: Annotated[int, typer.Option(help="6, 9 or 12.")] = 9,
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
-    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    objects: Annotated[int, typer.Option(min=2, help="In a scene.")] = 9,
+    contact: Contact = "contact",
+    belief: Belief = "belief",
     contender: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,6 +83,7 @@ def clutter(
             **one_of(choices.contenders),
         ),
     ] = None,
+    data: Annotated[str | None, _NO_DATA] = None,
     workers: Workers = CORES,
 ) -> None:
     """Bring a body among jointed ones to a place and to a pose 20 cm away, push by push, joints unknown.
@@ -87,7 +104,7 @@ def clutter(
     contenders = tuple(dict.fromkeys(contender or CONTENDERS))
     suite = partial(evaluate_clutter, contenders=contenders)
     models = {"contact": contact, "belief": belief}
-    results, _ = measure(suite, numbers_of(objects), count, seed, models, workers)
+    results, _ = measure(suite, (objects,), count, seed, models, workers)
     results.save(out / "results.json")
     console.print(_clutter_table(results, count))
     say_written(out)

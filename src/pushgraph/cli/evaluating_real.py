@@ -8,8 +8,8 @@ import typer
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from pushgraph.cli.evaluating import CORES, Out, Workers, say_written
 from pushgraph.cli.output import BAR, console
+from pushgraph.cli.suites import CORES, Contact, Out, Workers, say_written
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.results import Results
@@ -31,7 +31,7 @@ def real(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the splits of --adapt.")] = 0,
     out: Out = Path("evaluation-real"),
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    contact: Contact = "contact",
     workers: Workers = CORES,
 ) -> None:
     """Compare where pushes of a real robot ended with predictions, the simulator, and what repeated pushes allow.

@@ -8,9 +8,9 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from pushgraph.cli.evaluating import CORES, Out, Seed, Workers, say_written
 from pushgraph.cli.output import BAR, console
 from pushgraph.cli.recordings import prior_of
+from pushgraph.cli.suites import CORES, Belief, Contact, Out, Seed, Workers, say_written
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.results import Results
@@ -30,8 +30,8 @@ def camera(
     prior: Annotated[
         str, typer.Option(help="How likely joints of neighbours are beforehand; those not named cannot be.")
     ] = "none=1 fixed=1",
-    contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
-    belief: Annotated[str, typer.Option(help="Checkpoint that watches.")] = "belief",
+    contact: Contact = "contact",
+    belief: Belief = "belief",
     workers: Workers = CORES,
 ) -> None:
     """The paper's protocol of a real robot: predict where a push ends from first contact on, and over observed frames,

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import torch
 
+from pushgraph import own_modules
 from pushgraph.errors import DatasetError
 from pushgraph.extras import extra
 
@@ -64,12 +65,15 @@ ENGINES: dict[str, Engine] = {"processes": run_in_processes, "ray": run_on_ray}
 
 
 def _prepare_worker() -> None:
-    """One thread a worker; an interrupt is for the process that shares out the work."""
+    """One thread a worker, which knows what is the user's own; an interrupt is for the process that shares out the
+    work."""
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    own_modules.use()
 
 
 def _single_threaded_work(work: Callable[[Task], Result], task: Task) -> Result:
+    own_modules.use()
     with single_threaded():
         return work(task)
 

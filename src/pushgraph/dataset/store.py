@@ -2,12 +2,12 @@
 
 /poses         [rows, 3]  float32  x (m), y (m), yaw (rad); for each frame one row a node, node 0 the robot
 /push          [frames]   int16    push under way, -1 while the tool is lifted
-/wrench        [frames, 3] float32 force (N, world frame) and moment (N m) of the bodies on the tool
+/wrench        [frames, 3] float32 force (N, world frame) and moment (N m) of the bodies on the tool, NaN: not measured
 /pose_offset   [count+1]  int64    first row of each trajectory in /poses
 /frame_offset  [count+1]  int64    first frame of each trajectory in /push
 /scenes        [count]    string   JSON scene with its pushes
-/density       [count]    string   dense or sparse
-/kind          [count]    string   paper, or one of the kinds of the training mixture
+/density       [count]    string   dense or sparse; own in datasets of one's own tracks
+/kind          [count]    string   paper, one of the kinds of the training mixture, or own
 /summary       [count]    compound what happened in each trajectory
 """
 
@@ -24,6 +24,7 @@ from pushgraph.errors import DatasetError
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import Trajectory
 from pushgraph.track import FRAME, Track
+from pushgraph.wrench import present
 
 LAYOUT = Layout(
     format="pushgraph.dataset",
@@ -62,7 +63,7 @@ class Columns:
         return cls(
             **flat(tracks),
             push=np.concatenate([track.push for track in tracks]).astype(np.int16),
-            wrench=np.concatenate([track.wrench for track in tracks]).astype(np.float32),
+            wrench=np.concatenate([_wrench(track) for track in tracks]).astype(np.float32),
             frame_offset=np.cumsum([0] + [len(track.push) for track in tracks]),
             density=np.array([trajectory.density.encode() for trajectory in trajectories], dtype="S6"),
             kind=np.array([trajectory.kind.encode() for trajectory in trajectories], dtype="S12"),
@@ -97,10 +98,19 @@ class Dataset(RaggedFile):
                 poses=poses,
                 push=stretch.push.astype(np.int64),
                 seen=np.ones(poses.shape[:2], dtype=bool),
-                wrench=stretch.wrench.astype(np.float64),
+                wrench=stretch.wrench.astype(np.float64) if present(stretch.wrench).any() else None,
             )
+
+    def pose_rows(self, first: int, last: int) -> np.ndarray:
+        """Rows first to last - 1 of /poses; see the top of this module."""
+        with self._reading():
+            return self._file["poses"][first:last]
 
     def scene(self, index: int) -> Scene:
         """The scene of one trajectory, with its pushes."""
         with self.naming(index):
             return Scene.from_json(self.scene_text(index), "scene", trusted=True)
+
+
+def _wrench(track: Track) -> np.ndarray:
+    return np.full((len(track.times), 3), np.nan) if track.wrench is None else track.wrench

@@ -34,7 +34,7 @@ def summarize(trajectory: Trajectory) -> np.ndarray:
     overlap = penetration(track)
     travelled = _travelled(track.poses[0], track.poses[-1])
     moved = travelled > TOUCHED
-    pushes = [np.flatnonzero(track.push == push) for push in range(len(track.scene.pushes))]
+    pushes = [np.flatnonzero(track.push == push) for push in np.unique(track.push[track.down])]
     joints = Counter(joint.kind for joint in track.scene.joints)
     row = np.zeros((), COLUMNS)
     row["frames"] = len(track.times)

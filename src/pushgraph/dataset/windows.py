@@ -76,6 +76,25 @@ class WindowSampler:
         return _Pool(stretches, trajectories, self.frames)
 
 
+def first_frames(
+    push: Int[np.ndarray, " all"], owner: Int[np.ndarray, " all"], frames: int
+) -> tuple[Int[np.ndarray, " windows"], Bool[np.ndarray, " all"]]:
+    """First frames of all windows of so many frames of one push, and whether each frame is the first of a push.
+
+    push: which is under way in every frame of several trajectories. owner: the trajectory of each. Raises DatasetError
+    if there is no such window.
+    """
+    before = np.concatenate(([-2], push[:-1]))
+    push_start = (push != before) | (owner != np.concatenate(([-1], owner[:-1])))
+    last = np.arange(len(push)) + frames - 1
+    inside = last < len(push)
+    last = np.where(inside, last, 0)
+    windows = np.flatnonzero(inside & (push >= 0) & (push[last] == push) & (owner[last] == owner))
+    if not len(windows):
+        raise DatasetError(f"no push lasts {frames} frames; draw shorter windows")
+    return windows, push_start
+
+
 class _Pool:
     """Trajectories in memory, and every window in them."""
 
@@ -89,15 +108,7 @@ class _Pool:
         self._first_frame = np.cumsum(frame_counts) - frame_counts
         self._first_row = np.cumsum(row_counts) - row_counts
         self._owner = np.repeat(np.arange(len(trajectories), dtype=np.int32), frame_counts)
-        self._push_start = push != np.concatenate(([-2], push[:-1]))
-        self._push_start[self._first_frame] = True
-        last = np.arange(len(push)) + frames - 1
-        inside = last < len(push)
-        last = np.where(inside, last, 0)
-        same_push = inside & (push >= 0) & (push[last] == push) & (self._owner[last] == self._owner)
-        self._windows = np.flatnonzero(same_push)
-        if not len(self._windows):
-            raise DatasetError(f"no push lasts {frames} frames; draw shorter windows")
+        self._windows, self._push_start = first_frames(push, self._owner, frames)
         self._drawable, first, count = np.unique(self._owner[self._windows], return_index=True, return_counts=True)
         self._first_window, self._window_count = first, count
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
 from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
 from pushgraph.evaluation.recording import Recording, ask, record
 from pushgraph.evaluation.results import Results
@@ -86,17 +86,22 @@ class SceneAnswers(NamedTuple):
 
 def evaluate_belief(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
     setup: str = SETUP,
+    data: str | os.PathLike | None = None,
 ) -> tuple[Results, list[SceneAnswers]]:
-    """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, setup)
-    protocol = {"setup": setup, "count": count, "seed": seed}
-    results = Results("belief", protocol, ("objects", "observed_frames", "pairs", "noise", "joint"))
+    """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`.
+
+    From data, what its scenes say is joined counts as true.
+    """
+    objects = objects if data is None else numbers_in(data, objects, least=2)
+    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, setup, data=data)
+    labels = ("objects", "observed_frames", "pairs", "noise", "joint")
+    results = Results("belief", origin(setup, count, seed, data), labels)
     for number in objects:
         some = [scene for scene in scenes if scene.objects == number]
         for model in (*models, INFORMED):

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
 from pushgraph.graph.believed import believe
@@ -39,7 +39,7 @@ MODELS = ("oracle", "informed_oracle", "belief", "no_joint", "all_fixed", "all_f
 
 
 class CoupledErrors(NamedTuple):
-    """Mean position errors (m) in one scene by model, from each of STARTS on."""
+    """Mean position errors (m) in one scene by model, from each start on; NaN from where it has ended."""
 
     objects: int
     errors: dict[str, Float[np.ndarray, " starts"]]
@@ -47,35 +47,40 @@ class CoupledErrors(NamedTuple):
 
 def evaluate_coupled(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    data: str | os.PathLike | None = None,
 ) -> tuple[Results, list[CoupledErrors]]:
     """Measure predictions on `count` test scenes for each number of objects; see `measure_blocks`.
 
     models: the checkpoints `contact`, which predicts, and `belief`, which watches.
     """
-    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress)
-    results = Results("coupled", {"setup": SETUP, "count": count, "seed": seed}, ("objects", "observed_frames"))
+    objects = objects if data is None else numbers_in(data, objects, least=2)
+    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, data=data)
+    results = Results("coupled", origin(SETUP, count, seed, data), ("objects", "observed_frames"))
     for number in objects:
         some = [scene for scene in scenes if scene.objects == number]
         for k, observed in enumerate(STARTS):
             for model in MODELS:
                 errors = np.array([100 * scene.errors[model][k] for scene in some])
-                scene = np.arange(len(errors))
-                results.add(model, "error_cm", "cm", errors, scene, objects=number, observed_frames=observed)
+                goes_on = np.flatnonzero(~np.isnan(errors))
+                labels: dict[str, Any] = {"objects": number, "observed_frames": observed}
+                results.add(model, "error_cm", "cm", errors[goes_on], goes_on, **labels)
     return results, scenes
 
 
 def mean_and_standard_error(
     scenes: Sequence[CoupledErrors], objects: int, model: str
 ) -> tuple[Float[np.ndarray, " starts"], Float[np.ndarray, " starts"]]:
-    """Mean over scenes of a model's errors (cm), and its standard error, which one scene alone does not tell."""
+    """Mean over the scenes that go on of a model's errors (cm), and its standard error, which one alone has not."""
     errors = 100 * np.stack([scene.errors[model] for scene in scenes if scene.objects == objects])
-    spread = errors.std(0, ddof=1) if len(errors) > 1 else np.full(len(STARTS), np.nan)
-    return errors.mean(0), spread / np.sqrt(len(errors))
+    count = (~np.isnan(errors)).sum(0)
+    mean = np.nansum(errors, 0) / np.where(count > 0, count, np.nan)
+    squares = np.nansum(np.square(errors - mean), 0)
+    return mean, np.sqrt(squares / np.where(count > 1, count * (count - 1.0), np.nan))
 
 
 def predict_block(block: Block) -> list[CoupledErrors]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import Block, measure_blocks
-from pushgraph.evaluation.coupled import FRAMES, STARTS, rollout_errors
+from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.coupled import FRAMES, STARTS, CoupledErrors, rollout_errors
 from pushgraph.evaluation.mass_answers import prior_mean
-from pushgraph.evaluation.masses import SETUP
+from pushgraph.evaluation.masses import SETUP, weighed_tracks
 from pushgraph.evaluation.recording import ask, record
 from pushgraph.evaluation.results import Results
 from pushgraph.graph.joint_truth import unweighed
@@ -28,28 +28,22 @@ TIMES: tuple[int | str, ...] = (*STARTS, FIRST_PUSH)
 MODELS = ("oracle", "belief", "mean_guess")
 
 
-class CoupledMassErrors(NamedTuple):
-    """Mean position errors (m) in one scene by model, from each of TIMES on; NaN from where it has ended."""
-
-    objects: int
-    errors: dict[str, Float[np.ndarray, " times"]]
-
-
 def evaluate_coupled_masses(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
-) -> tuple[Results, list[CoupledMassErrors]]:
+    data: str | os.PathLike | None = None,
+) -> tuple[Results, list[CoupledErrors]]:
     """Measure predictions on `count` test scenes for each number of objects; see `measure_blocks`.
 
     models: the checkpoints `contact`, which predicts, and `belief`, which watches. Joints are known.
     """
-    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, SETUP)
-    protocol = {"setup": SETUP, "count": count, "seed": seed}
-    results = Results("coupled-masses", protocol, ("objects", "observed_frames"))
+    objects = objects if data is None else numbers_in(data, objects, least=2)
+    scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, SETUP, data=data)
+    results = Results("coupled-masses", origin(SETUP, count, seed, data), ("objects", "observed_frames"))
     for number in objects:
         some = [scene for scene in scenes if scene.objects == number]
         for k, observed in enumerate(TIMES):
@@ -61,12 +55,12 @@ def evaluate_coupled_masses(
     return results, scenes
 
 
-def predict_block(block: Block) -> list[CoupledMassErrors]:
+def predict_block(block: Block) -> list[CoupledErrors]:
     """Simulate the scenes of a block, watch them, and predict them from every start with every model's masses."""
     checkpoints = dict(block.models)
     dynamics = PhysicsPredictor.load(checkpoints["contact"]).dynamics
     belief = BeliefModel.load(checkpoints["belief"])
-    tracks = [trajectory.track for trajectory in block.draw()]
+    tracks = weighed_tracks(block)
     scenes, times = batch_scenes([track.scene for track in tracks]), starts_of(tracks)
     seen = record(tracks, int(times.max()) + FRAMES)
     told, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
@@ -74,28 +68,16 @@ def predict_block(block: Block) -> list[CoupledMassErrors]:
     assumed = [[scenes, weighed(scenes, told.median[:, k]), weighed(scenes, mean)] for k in range(times.shape[1])]
     errors = rollout_errors(dynamics, seen, times.T, assumed).numpy()
     return [
-        CoupledMassErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))
+        CoupledErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))
     ]
 
 
 def starts_of(tracks: Sequence[Track]) -> Int[Tensor, "batch times"]:
-    """Frames of every track that TIMES stand for."""
-    first_push = [int(np.flatnonzero(track.push == 0)[-1]) for track in tracks]
+    """Frames of every track that TIMES stand for; there are as many beyond its end."""
+    first_push = [int(np.flatnonzero(track.push == track.push[track.down][0])[-1]) for track in tracks]
     return torch.tensor([[*STARTS, last] for last in first_push])
 
 
 def weighed(scenes: SceneBatch, mass: Float[Tensor, "batch bodies"]) -> SceneBatch:
     """The scenes with these masses (kg), taken as known."""
     return scenes._replace(mass=mass.to(scenes.mass), mass_known=torch.ones_like(scenes.mass_known))
-
-
-def mean_and_standard_error(
-    scenes: Sequence[CoupledMassErrors], objects: int, model: str
-) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, " times"]]:
-    """Mean over the scenes that go on of a model's errors (cm), and its standard error."""
-    errors = 100 * np.stack([scene.errors[model] for scene in scenes if scene.objects == objects])
-    count = (~np.isnan(errors)).sum(0)
-    told = np.where(np.isnan(errors), 0.0, errors)
-    mean = told.sum(0) / np.where(count > 0, count, np.nan)
-    squares = np.where(np.isnan(errors), 0.0, np.square(errors - mean)).sum(0)
-    return mean, np.sqrt(squares / np.where(count > 1, count * (count - 1.0), np.nan))

@@ -3,7 +3,7 @@
 import itertools
 import os
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,22 @@ COLOURS = {
     **{"ratio_observer": "#40a060", "exact": "#40a060", "mean_guess": "#d08000", "median_guess": "#bbbbbb"},
     **{"no_joint": "#bbbbbb", "all_fixed": "#c04040", "all_fixed_5cm": "#e0a0a0"},
 }
+OWN_COLOURS = ("#8060c0", "#c04040", "#20a0a0", "#a0a020", "#e070b0")
+"""Of what has no colour of its own, in turn."""
 JOINT_COLOURS = {"none": "#2060c0", "fixed": "#c04040", "prismatic": "#40a060", "revolute": "#d08000"}
-LINES = {"belief": "-", "paper_recipe": "--", INFORMED: ":"}
+LINES = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)))
+"""Of beliefs, in turn."""
 SPREAD_COLOURS = dict(
     zip(CONDITIONS, ("#202020", "#c04040", "#d08000", "#40a060", "#2060c0", "#8060c0"), strict=True)
 )
 RELIABLE_AT = (40, 200)
 """Observed frames of the reliability diagram."""
+
+
+def colours_of(models: Iterable[str]) -> dict[str, str]:
+    """A colour for every model."""
+    own = itertools.cycle(OWN_COLOURS)
+    return {model: COLOURS.get(model) or next(own) for model in dict.fromkeys(models)}
 
 
 def save_histogram(
@@ -42,14 +51,14 @@ def save_histogram(
     labels = [f"< {HISTOGRAM[0]:g}"]
     labels += [f"{low:g}-{high:g}" for low, high in itertools.pairwise(HISTOGRAM)]
     labels += [f"> {HISTOGRAM[-1]:g}"]
-    width = 0.8 / len(models)
+    width, colours = 0.8 / len(models), colours_of(models)
     for row, number in zip(grid, numbers, strict=True):
         chosen = [scene for scene in scenes if scene.objects == number]
         for axes, frames in zip(row, horizons, strict=True):
             for k, model in enumerate(models):
                 counts = histogram(chosen, model, frames)
                 place = np.arange(len(counts)) + (k - (len(models) - 1) / 2) * width
-                axes.bar(place, counts, width, label=model.replace("_", " "), color=COLOURS.get(model))
+                axes.bar(place, counts, width, label=model.replace("_", " "), color=colours[model])
             axes.set_xticks(range(len(labels)), labels, fontsize=8)
             axes.set(title=f"{number} objects, {frames} frames", xlabel="mean error (cm)", ylabel="trajectories")
             axes.grid(axis="y", alpha=0.3)
@@ -68,15 +77,18 @@ def save_belief_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLik
     for row in rows:
         key = tuple(row[name] for name in ("objects", "metric", "model", "joint"))
         curves[key][row["observed_frames"]] = row["value"]
-    handles = {}
+    models = list(dict.fromkeys(row["model"] for row in rows))
+    lines = dict(zip(models, itertools.cycle(LINES), strict=False)) | {INFORMED: ":"}
+    handles, colours = {}, colours_of(models)
     for panels, number in zip(grid, numbers, strict=True):
         for axes, metric in zip(panels, ("accuracy", "precision", "recall"), strict=True):
-            for model, line in LINES.items():
+            for model in models:
                 for joint in ("all",) if metric == "accuracy" else JOINT_COLOURS:
-                    colour = JOINT_COLOURS.get(joint, COLOURS[model])
+                    colour = JOINT_COLOURS.get(joint, colours[model])
                     curve = sorted(curves[number, metric, model, joint].items())
                     label = f"{joint}: {model}".replace("_", " ")
-                    (handles[label],) = axes.plot(*np.reshape(curve, (-1, 2)).T, line, color=colour)
+                    style: dict[str, Any] = {"linestyle": lines[model], "color": colour}
+                    (handles[label],) = axes.plot(*np.reshape(curve, (-1, 2)).T, **style)
             axes.set(title=f"{metric}, {number} objects", xlabel="observed frames")
             axes.grid(alpha=0.3)
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
@@ -87,13 +99,14 @@ def save_reliability(scenes: Sequence[SceneAnswers], models: Sequence[str], path
     """How often answers about adjacent pairs are right, against how sure they were; dots as large as their share."""
     figure = Figure(figsize=(4 * len(RELIABLE_AT), 4 * len(NOISES) + 0.6), layout="constrained")
     grid = figure.subplots(len(NOISES), len(RELIABLE_AT), squeeze=False, sharex=True, sharey=True)
+    colours = colours_of(models)
     for panels, noise in zip(grid, NOISES, strict=True):
         for axes, observed in zip(panels, RELIABLE_AT, strict=True):
             time = OBSERVED.index(observed)
             axes.plot((0, 1), (0, 1), color="#bbbbbb", linewidth=1)
             for model in models:
                 bins = reliability(*certainty(scenes, model, noise, "adjacent", time))
-                style = {"color": COLOURS.get(model), "label": model.replace("_", " ")}
+                style = {"color": colours[model], "label": model.replace("_", " ")}
                 there = bins.share > 0
                 axes.plot(bins.sure[there], bins.right[there], **style)
                 axes.scatter(bins.sure[there], bins.right[there], 200 * bins.share[there], color=style["color"])

@@ -21,8 +21,9 @@ from pushgraph.evaluation.controlled_masses import (
     mix_ups,
     reference_histogram,
 )
-from pushgraph.evaluation.coupled_masses import FIRST_PUSH, MODELS, STARTS, CoupledMassErrors, mean_and_standard_error
-from pushgraph.evaluation.figures import COLOURS, save_figure
+from pushgraph.evaluation.coupled import CoupledErrors, mean_and_standard_error
+from pushgraph.evaluation.coupled_masses import FIRST_PUSH, MODELS, STARTS
+from pushgraph.evaluation.figures import COLOURS, colours_of, save_figure
 from pushgraph.evaluation.masses import INPUTS, SUBSETS
 from pushgraph.mass_prior import MASS_CLASSES
 from pushgraph.scene import Scene
@@ -40,7 +41,7 @@ def save_mass_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike)
     numbers = sorted({row["objects"] for row in rows})
     figure = Figure(figsize=(13, 3.4 * len(numbers) + 0.6), layout="constrained")
     grid = figure.subplots(len(numbers), len(SUBSETS), squeeze=False, sharex=True, sharey=True)
-    handles = {}
+    handles, colours = {}, colours_of(row["model"] for row in rows)
     for panels, number in zip(grid, numbers, strict=True):
         for axes, subset in zip(panels, SUBSETS, strict=True):
             here = [row for row in rows if (row["objects"], row["subset"]) == (number, subset)]
@@ -49,7 +50,7 @@ def save_mass_curves(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike)
                 curve = [row for row in here if (row["model"], row["input"]) == (model, given)]
                 label = f"{model}, {given}".replace("_", " ")
                 places, values = zip(*((row["observed_frames"], row["value"]) for row in curve), strict=True)
-                (handles[label],) = axes.plot(places, values, INPUT_LINES[given], color=COLOURS.get(model))
+                (handles[label],) = axes.plot(places, values, INPUT_LINES[given], color=colours[model])
             title = f"{number} objects, {'all' if subset == 'all' else 'those ' + subset}"
             axes.set(title=title, xlabel="observed frames", ylabel="mean error (kg)", ylim=(0, None))
             axes.grid(alpha=0.3)
@@ -70,10 +71,11 @@ def save_mass_histograms(scenes: Sequence[ControlledScene], path: str | os.PathL
     for panels, number in zip(grid, numbers, strict=True):
         chosen = [scene for scene in scenes if scene.objects == number]
         told = list(chosen[0].answers)
+        colours = colours_of(model for model, _ in told)
         for axes, (count, what, names) in zip(panels, kinds, strict=True):
             for k, (model, given) in enumerate(told):
                 place = np.arange(len(names)) + 0.8 * ((k + 0.5) / len(told) - 0.5)
-                style = {"color": COLOURS.get(model), "hatch": "//" if given == "force" else None, "edgecolor": "white"}
+                style = {"color": colours[model], "hatch": "//" if given == "force" else None, "edgecolor": "white"}
                 label = f"{model}, {given}".replace("_", " ")
                 axes.bar(place, count(chosen, model, given), 0.8 / len(told), label=label, **style)
             axes.set_xticks(range(len(names)), names, fontsize=8)
@@ -124,7 +126,7 @@ def save_alike(scenes: Sequence[ControlledScene], path: str | os.PathLike) -> bo
     return True
 
 
-def save_coupled_mass_curves(scenes: Sequence[CoupledMassErrors], path: str | os.PathLike) -> None:
+def save_coupled_mass_curves(scenes: Sequence[CoupledErrors], path: str | os.PathLike) -> None:
     """Mean rollout error over observed frames, with standard errors; dots stand for the end of the first push."""
     numbers = sorted({scene.objects for scene in scenes})
     figure = Figure(figsize=(5 * len(numbers), 4.2), layout="constrained")
@@ -160,12 +162,13 @@ def _draw_motion(axes: Axes, scene: Scene, observed: ControlledScene) -> None:
 def _draw_intervals(axes: Axes, observed: ControlledScene, told: Sequence[tuple[str, str]]) -> None:
     places = np.arange(observed.objects)
     axes.plot(places - 0.3, observed.masses, "k_", markersize=14, label="true")
+    colours = colours_of(model for model, _ in told)
     for k, (model, given) in enumerate(told):
         answer = observed.answers[model, given]
         ends = np.stack((answer.median - answer.low, answer.high - answer.median))
         place = places - 0.15 + 0.45 * k / max(1, len(told) - 1)
         label, marker = f"{model}, {given}".replace("_", " "), "s" if given == "force" else "o"
-        axes.errorbar(place, answer.median, ends, capsize=3, label=label, fmt=marker, color=COLOURS.get(model))
+        axes.errorbar(place, answer.median, ends, capsize=3, label=label, fmt=marker, color=colours[model])
     axes.set_xticks(places, [f"body {k}" for k in places])
     axes.set(ylabel="mass, 68 % interval (kg)", yscale="log")
     axes.grid(alpha=0.3)

@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import Block, measure_blocks
+from pushgraph.errors import EvaluationError
+from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_in, origin
 from pushgraph.evaluation.mass_answers import MassAnswer, MassScores, believed, prior_answer, score
 from pushgraph.evaluation.mass_observers import mean_guess, ratio_observer
 from pushgraph.evaluation.recording import ask, record
@@ -69,38 +70,59 @@ class SceneMasses(NamedTuple):
 
 def evaluate_masses(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    data: str | os.PathLike | None = None,
 ) -> tuple[Results, list[SceneMasses]]:
-    """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, SETUP)
-    protocol = {"setup": SETUP, "count": count, "seed": seed}
-    results = Results("masses", protocol, ("objects", "observed_frames", "input", "subset"))
+    """Measure beliefs on `count` test scenes for each number of objects; see `measure_blocks`.
+
+    Data without readings of a force sensor tells what motion tells, and none is moved to a table of other friction.
+    """
+    objects = objects if data is None else numbers_in(data, objects, least=2)
+    scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, SETUP, data=data)
+    results = Results("masses", origin(SETUP, count, seed, data), ("objects", "observed_frames", "input", "subset"))
     for number in objects:
-        some = [scene for scene in scenes if scene.objects == number]
         for given in INPUTS:
-            for model in some[0].told[given].answers:
+            some = [scene for scene in scenes if scene.objects == number and given in scene.told]
+            for model in some[0].told[given].answers if some else ():
                 _add_rows(results, model, given, number, some)
-            for model in some[0].told[given].slides:
+            for model in some[0].told[given].slides if some else ():
                 _add_slide_rows(results, model, given, number, some)
     return results, scenes
 
 
 def answer_block(block: Block) -> list[SceneMasses]:
     """Simulate the scenes of a block, and watch them with every model and input."""
-    tracks = [trajectory.track for trajectory in block.draw()]
+    tracks = weighed_tracks(block)
     rngs = [np.random.default_rng([block.seed, block.objects, block.first + k]) for k in range(block.count)]
-    elsewhere = [on_table(track, rng.uniform(*FRICTION)) for track, rng in zip(tracks, rngs, strict=True)]
     models = {name: BeliefModel.load(path) for name, path in block.models}
-    known = _watch(models, tracks, rngs, ("motion", "force"))
-    unknown = _watch(models, elsewhere, rngs, ("force_friction_unknown",))
+    if block.data is None:
+        elsewhere = [on_table(track, rng.uniform(*FRICTION)) for track, rng in zip(tracks, rngs, strict=True)]
+        known = _watch(models, tracks, rngs, ("motion", "force"))
+        unknown = _watch(models, elsewhere, rngs, ("force_friction_unknown",))
+    else:
+        felt = all(track.wrench is not None for track in tracks)
+        known, unknown = _watch(models, tracks, None, ("motion", "force")[: 1 + felt]), [{} for _ in tracks]
     return [
         SceneMasses(block.objects, masses_of(track), of_known | of_unknown)
         for track, of_known, of_unknown in zip(tracks, known, unknown, strict=True)
     ]
+
+
+def weighed_tracks(block: Block) -> list[Track]:
+    """The tracks of a block; raises EvaluationError if a true mass is not known, or the classes are others."""
+    tracks = [trajectory.track for trajectory in block.draw()]
+    for track in tracks:
+        for body in track.scene.bodies:
+            if body.mass is None:
+                raise EvaluationError(f"{block.data}: body {body.name!r}: its true mass is not known, but needed here")
+        if track.scene.classes_of_mass != MASS_CLASSES:
+            names = ", ".join(one.name for one in track.scene.classes_of_mass)
+            raise EvaluationError(f"{block.data}: mass_classes {names}: this suite scores light, normal and heavy only")
+    return tracks
 
 
 def masses_of(track: Track) -> Float[np.ndarray, " bodies"]:
@@ -122,10 +144,10 @@ def ratios_told(
 def _watch(
     models: Mapping[str, BeliefModel],
     tracks: Sequence[Track],
-    rngs: Sequence[np.random.Generator],
+    rngs: Sequence[np.random.Generator] | None,
     inputs: Sequence[str],
 ) -> list[dict[str, Told]]:
-    """What is told of each track, by input."""
+    """What is told of each track, by input. rngs: of the sensor's noise; None if readings have theirs."""
     ends = torch.tensor([-(-len(track.times) // ENDS) * ENDS for track in tracks])
     longest = int(ends.max())
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pushgraph import pose
-from pushgraph.body import Joint
 from pushgraph.errors import SceneError, SimulationError
 from pushgraph.scene import Scene
+from pushgraph.scene_at import scene_at
 from pushgraph.simulation.motion import LIFTED_FRAMES
 from pushgraph.simulation.planar import simulate
 from pushgraph.track import Track
@@ -63,19 +63,4 @@ def disturb(scene: Scene, noise: StartNoise, rng: np.random.Generator) -> Scene:
     for group in scene.rigid_groups:
         first, *others = (scene.names.index(name) for name in group)
         new[others] = pose.compose(new[first], pose.relative(old[first], old[others]))
-
-    def carried(joint: Joint) -> Joint:
-        parent = scene.names.index(joint.parent)
-        frame = scene.joint_frame(joint)
-        anchor = pose.transform(new[parent], pose.transform(pose.inverse(old[parent]), frame.anchor))
-        axis = pose.rotate(frame.axis, new[parent, 2] - old[parent, 2])
-        return joint.replace(
-            anchor=tuple(anchor.tolist()),
-            axis=tuple(axis.tolist()) if joint.kind == "prismatic" else None,
-            limits=frame.limits if joint.kind != "fixed" else None,
-        )
-
-    bodies = tuple(
-        body.replace(pose_world_from_body=tuple(place)) for body, place in zip(scene.bodies, new.tolist(), strict=True)
-    )
-    return scene.replace(bodies=bodies, joints=tuple(carried(joint) for joint in scene.joints))
+    return scene_at(scene, new)

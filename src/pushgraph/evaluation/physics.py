@@ -6,13 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.dataset.engines import single_threaded
+from pushgraph.errors import EvaluationError
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
 from pushgraph.evaluation.metrics import RolloutError
 from pushgraph.evaluation.noise_floor import CAMERA, simulate_again
 from pushgraph.evaluation.results import Results, Statistic
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.shape import Cuboid
+from pushgraph.simulation.motion import plan_tool
 from pushgraph.track import Track
 
 HORIZONS = (30, 50, 300)
@@ -20,6 +24,10 @@ HORIZONS = (30, 50, 300)
 DENSITIES = ("all", "dense", "sparse")
 HISTOGRAM = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """The paper's bins of a trajectory's mean error (cm)."""
+
+
+AS_PLANNED = 1e-3
+"""A tool that is never farther from its plan than this (m, rad) goes as planned."""
 
 
 class SceneErrors(NamedTuple):
@@ -33,19 +41,25 @@ class SceneErrors(NamedTuple):
 
 def evaluate_physics(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
     setup: str = SETUP,
+    data: str | os.PathLike | None = None,
 ) -> tuple[Results, list[SceneErrors]]:
-    """Measure predictors on `count` test scenes for each number of objects; see `measure_blocks`."""
-    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress, setup)
-    results = Results("physics", {"setup": setup, "count": count, "seed": seed}, ("objects", "frames", "density"))
+    """Measure predictors on `count` test scenes for each number of objects; see `measure_blocks`.
+
+    From data, the tool goes as it went there.
+    """
+    objects = objects if data is None else numbers_in(data, objects)
+    scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress, setup, data=data)
+    results = Results("physics", origin(setup, count, seed, data), ("objects", "frames", "density"))
+    densities = DENSITIES if data is None else ("all", *sorted({s.density for s in scenes} & {*DENSITIES}))
     for number in objects:
         for frames in HORIZONS:
-            for density in DENSITIES:
+            for density in densities:
                 some = [s for s in scenes if s.objects == number and density in ("all", s.density)]
                 for model in ("still", *models, "noise_floor"):
                     _add_rows(results, model, some, objects=number, frames=frames, density=density)
@@ -59,7 +73,11 @@ def evaluate_block(block: Block) -> list[SceneErrors]:
     longest = min(max(HORIZONS), max(len(track.times) for track in tracks))
     predicted = {"still": [_still(track) for track in tracks]}
     for name, path in block.models:
-        predicted[name] = PhysicsPredictor.load(path).predict_many([track.scene for track in tracks], longest)
+        predictor = PhysicsPredictor.load(path)
+        if block.data is None:
+            predicted[name] = predictor.predict_many([track.scene for track in tracks], longest)
+        else:
+            predicted[name] = predict_along(predictor, tracks, longest)
     found = []
     for k, trajectory in enumerate(trajectories):
         track = trajectory.track
@@ -69,13 +87,39 @@ def evaluate_block(block: Block) -> list[SceneErrors]:
             for frames in HORIZONS
         }
         rng = np.random.default_rng([block.seed, block.first + k])
-        for frames in HORIZONS:
+        for frames in HORIZONS if block.data is None or _as_planned(track) else ():
             again = simulate_again(track, min(frames, len(track.times)), CAMERA, rng)
             if again is not None:
                 errors["noise_floor", frames] = RolloutError(again, track, min(frames, len(track.times)))
         cuboid = np.array([isinstance(body.shape, Cuboid) for body in track.scene.bodies])
         found.append(SceneErrors(block.objects, trajectory.density, cuboid, errors))
     return found
+
+
+def predict_along(predictor: PhysicsPredictor, tracks: Sequence[Track], frames: int) -> list[Track]:
+    """Predict the first frames of tracks from where their bodies stand at first, the tool going as it went."""
+    lengths = [min(frames, len(track.times)) for track in tracks]
+    beyond = [max(lengths) - length for length in lengths]
+    some = list(zip(tracks, lengths, beyond, strict=True))
+    tool = np.stack([np.pad(track.poses[:n, 0], ((0, rest), (0, 0)), "edge") for track, n, rest in some])
+    down = np.stack([np.pad(track.down[:n], (0, rest)) for track, n, rest in some])
+    with torch.no_grad(), single_threaded():
+        predicted, _ = predictor.rollout(predictor.start([track.scene for track in tracks]), tool, down).numpy()
+    if not np.isfinite(predicted).all():
+        raise EvaluationError("a network predicts poses that are not finite")
+    found = []
+    for (track, length, _), bodies in zip(some, predicted, strict=True):
+        poses = np.concatenate((track.poses[:length, :1], bodies[:length, : len(track.scene.bodies)]), 1)
+        found.append(Track(track.scene, track.times[:length], poses, track.push[:length], track.seen[:length]))
+    return found
+
+
+def _as_planned(track: Track) -> bool:
+    """Whether the tool went as the pushes of the scene say: then the simulator can be asked, too."""
+    if not track.scene.pushes:
+        return False
+    planned, push = plan_tool(track.scene.pushes, track.scene.tool, len(track.times))
+    return len(push) == len(track.push) and bool((np.abs(planned - track.poses[:, 0]) < AS_PLANNED).all())
 
 
 def histogram(scenes: Sequence[SceneErrors], model: str, frames: int) -> np.ndarray:

@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pushgraph.dataset.engines import run_in_processes
+from pushgraph.evaluation.kept import keep, kept
 from pushgraph.evaluation.simulation_key import simulation_key
 from pushgraph.mass_prior import MassClass, draw_masses
 from pushgraph.scene import Scene
 from pushgraph.simulation.masses import weighing
 from pushgraph.simulation.planar import simulate
-from pushgraph.storage import cache_folder, replacing
+from pushgraph.storage import cache_folder
 
 PRIOR_DRAWS = 200_000
 """Masses that are drawn to find which cells of the table the prior reaches."""
@@ -115,10 +116,10 @@ def simulated_table(
     """
     classes, dimensions = scene.classes_of_mass, len(scene.bodies) - 1
     key = simulation_key(weighing(scene, [1.0] * len(scene.bodies)).to_json(), repr(classes))
-    path = cache_folder() / "mass_ratios" / f"{key}-{cells}.npy"
-    if path.is_file():
+    path, stands_for = cache_folder() / "mass_ratios" / f"{key}-{cells}.npz", f"{key} {cells}"
+    if (found := kept(path, stands_for)) is not None:
         lowest, spacing, _ = grid_of(classes, cells)
-        return RatioTable(lowest, spacing, np.load(path), reached_cells(classes, dimensions, cells))
+        return RatioTable(lowest, spacing, found["poses"], reached_cells(classes, dimensions, cells))
 
     def poses_of(log_ratios: np.ndarray) -> np.ndarray:
         tasks = [(scene, tuple(map(tuple, some))) for some in _chunks(log_ratios.tolist())]
@@ -130,8 +131,7 @@ def simulated_table(
         return np.concatenate([found[some] for _, some in tasks])
 
     table = fill(poses_of, classes, dimensions, cells, known)
-    with replacing(path) as temporary:
-        np.save(temporary, table.poses)
+    keep(path, stands_for, {"poses": table.poses})
     return table
 
 

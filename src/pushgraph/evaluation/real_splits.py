@@ -1,9 +1,8 @@
 """Adapted predictions of pushes that were left out: by push, by shape, by surface; resumable."""
 
 import functools
-import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,11 +12,11 @@ from pushgraph.adaptation.adapted import Adaptation, adapt, adapt_to_all, zero_s
 from pushgraph.dataset.engines import run_in_processes
 from pushgraph.errors import EvaluationError
 from pushgraph.evaluation.gaussian_baselines import gaussian_ends
+from pushgraph.evaluation.kept import fingerprint, keep, kept
 from pushgraph.evaluation.real import Measured, errors_of, measured
 from pushgraph.network.contract import Dynamics
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.real_pushes import RealPushes
-from pushgraph.storage import replacing
 
 SIZES = (10, 30, 100, 213)
 """Pushes of the same shape and surface that are learnt from."""
@@ -32,7 +31,10 @@ OTHERS = 1000
 
 
 class Job(NamedTuple):
-    """One split: indices of the pushes that are learnt from, and of those that are asked."""
+    """One split: indices of the pushes that are learnt from, and of those that are asked.
+
+    stands_for: fingerprint of what its results depend on.
+    """
 
     name: str
     split: str
@@ -41,6 +43,7 @@ class Job(NamedTuple):
     contact: str
     pushes: RealPushes
     folder: Path
+    stands_for: str = ""
 
 
 def jobs_of(pushes: RealPushes, seed: int, contact: str, folder: Path, sizes: tuple[int, ...] = SIZES) -> list[Job]:
@@ -80,15 +83,19 @@ def evaluate_splits(
     workers: int = 1,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> list[Measured]:
-    """Measure all splits; what `folder` holds already of the same pushes, seed and weights is not computed anew."""
-    weights = PhysicsPredictor.load(contact).hash
-    same = hashlib.sha256(f"{pushes.fingerprint} {seed} {weights}".encode()).hexdigest()[:12]
-    jobs = jobs_of(pushes, seed, str(contact), folder / same, SIZES)
-    for done, _ in enumerate(run_in_processes(_measure, jobs, workers), start=1):
+    """Measure all splits; what `folder` holds of the same pushes, seed, weights and version is not computed anew."""
+    same = fingerprint(pushes.fingerprint, seed, PhysicsPredictor.load(contact).hash)
+    jobs = [
+        job._replace(stands_for=fingerprint(same, job.name, job.learnt_from, job.asked))
+        for job in jobs_of(pushes, seed, str(contact), folder / same[:12], SIZES)
+    ]
+    told: dict[str, list[Measured]] = {}
+    for done, (job, some) in enumerate(run_in_processes(_measure, jobs, workers), start=1):
+        told[job.name] = some
         progress("splits", done, len(jobs))
     found: dict[tuple[str, int, str], list[Measured]] = {}
     for job in jobs:
-        for one in _read(job):
+        for one in told[job.name]:
             found.setdefault((one.split, one.adapted_with, one.model), []).append(one)
     return [
         Measured(
@@ -103,11 +110,11 @@ def evaluate_splits(
     ]
 
 
-def _measure(job: Job) -> None:
+def _measure(job: Job) -> list[Measured]:
     """Measure one split, unless it has been."""
-    path = _path(job)
-    if path.is_file():
-        return
+    path = job.folder / f"{job.name.replace(' ', '-')}.npz"
+    if (arrays := kept(path, job.stands_for)) is not None:
+        return _of_arrays(job, arrays)
     dynamics, pushes, asked = _dynamics(job.contact), job.pushes, job.asked
     held_out, size = pushes.take(asked), _size(job)
     learnt = _adapted(job, dynamics)
@@ -123,8 +130,9 @@ def _measure(job: Job) -> None:
             some.append(Measured(model, errors_of(ends, held_out.after), asked))
     columns = {f"{one.model}.errors": one.errors for one in some}
     columns |= {f"{one.model}.held": one.held for one in some if one.held is not None}
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{"size": np.array(size), "index": asked, **columns})  # type: ignore[arg-type]  # names of columns are no settings
+    arrays = {"size": np.array(size), "index": asked, **columns}
+    keep(path, job.stands_for, arrays)
+    return _of_arrays(job, arrays)
 
 
 def _adapted(job: Job, dynamics: Dynamics) -> Adaptation:
@@ -136,24 +144,13 @@ def _size(job: Job) -> int:
     return len(job.learnt_from)
 
 
-def _read(job: Job) -> list[Measured]:
-    with np.load(_path(job)) as file:
-        models = [name.removesuffix(".errors") for name in file.files if name.endswith(".errors")]
-        return [
-            Measured(
-                model,
-                file[f"{model}.errors"],
-                file["index"],
-                file[f"{model}.held"] if f"{model}.held" in file.files else None,
-                job.split,
-                int(file["size"]),
-            )
-            for model in models
-        ]
-
-
-def _path(job: Job) -> Path:
-    return job.folder / f"{job.name.replace(' ', '-')}.npz"
+def _of_arrays(job: Job, arrays: Mapping[str, np.ndarray]) -> list[Measured]:
+    models = [name.removesuffix(".errors") for name in arrays if name.endswith(".errors")]
+    size = int(arrays["size"])
+    return [
+        Measured(model, arrays[f"{model}.errors"], arrays["index"], arrays.get(f"{model}.held"), job.split, size)
+        for model in models
+    ]
 
 
 @functools.cache

@@ -14,15 +14,16 @@ from pushgraph.simulation.planar import PlanarSimulation
 from pushgraph.track import Track
 
 
-def with_sensor(seen: Recording, tracks: Sequence[Track], rngs: Sequence[np.random.Generator]) -> Recording:
-    """What a force sensor in the tool says beside, with its noise; once a track has ended, nothing."""
+def with_sensor(seen: Recording, tracks: Sequence[Track], rngs: Sequence[np.random.Generator] | None) -> Recording:
+    """What a force sensor in the tool says beside, with its noise, unless it was recorded; once a track has ended,
+    nothing."""
     frames = seen.bodies.shape[1]
     wrenches = torch.zeros(len(tracks), frames, 3, dtype=torch.float64)
-    for wrench, track, rng in zip(wrenches, tracks, rngs, strict=True):
+    for k, track in enumerate(tracks):
         if track.wrench is None:
             raise ValueError("a track without wrench cannot be sensed")
-        own = measured_wrench(track.wrench, rng)[:frames]
-        wrench[: len(own)] = torch.from_numpy(own)
+        own = (track.wrench if rngs is None else measured_wrench(track.wrench, rngs[k]))[:frames]
+        wrenches[k, : len(own)] = torch.from_numpy(own)
     return seen._replace(wrench=wrenches)
 
 

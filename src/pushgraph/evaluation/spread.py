@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
 from pushgraph.evaluation.metrics import MOVED
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
@@ -72,21 +72,23 @@ class SceneSpread(NamedTuple):
 
 def evaluate_spread(
     objects: Sequence[int],
-    count: int,
+    count: int | None,
     seed: int,
     models: Mapping[str, str | os.PathLike],
     workers: int = 1,
     progress: Callable[[int], None] = lambda done: None,
+    data: str | os.PathLike | None = None,
 ) -> tuple[Results, list[SceneSpread]]:
     """Measure spreads on `count` test scenes for each number of objects; see `measure_blocks`.
 
     models: the checkpoints `contact`, which predicts, `spread`, which says how surely, and `belief`, which watches.
     """
-    scenes = measure_blocks(state_block, objects, count, seed, models, workers, progress)
+    objects = objects if data is None else numbers_in(data, objects, least=2)
+    scenes = measure_blocks(state_block, objects, count, seed, models, workers, progress, data=data)
     names = ("objects", "frames", "density", "joints", "observed_frames", "masses", "bodies")
-    results = Results("spread", {"setup": SETUP, "count": count, "seed": seed}, names)
+    results = Results("spread", origin(SETUP, count, seed, data), names)
     for number in objects:
-        for density in DENSITIES:
+        for density in DENSITIES if data is None else ("all", *sorted({s.density for s in scenes} & {*DENSITIES})):
             chosen = [s for s in scenes if s.objects == number and density in ("all", s.density)]
             for frames in HORIZONS:
                 labels = {"objects": number, "density": density, "frames": frames}

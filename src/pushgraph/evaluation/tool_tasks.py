@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from pushgraph.body import Body
 from pushgraph.dataset.engines import run_in_processes
+from pushgraph.evaluation.kept import keep, kept
 from pushgraph.evaluation.simulation_key import simulation_key
 from pushgraph.planning.exhaustive import Candidates
 from pushgraph.planning.sequences import sequences
@@ -19,7 +20,7 @@ from pushgraph.shape import Cylinder
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import FIRST_TEST_SEED
-from pushgraph.storage import cache_folder, replacing
+from pushgraph.storage import cache_folder
 from pushgraph.track import FRAME, Track
 
 GRID_X, GRID_Y = np.linspace(-0.725, -0.125, 4), np.linspace(-0.5, 0.5, 6)
@@ -85,12 +86,12 @@ def simulated_start(scene: Scene) -> Start:
     """A start, and all that may be done; what is simulated is kept in the user's cache."""
     candidates = candidates_of(scene)
     plans = json.dumps([list(dict.fromkeys(candidates.tools)), [repr(push) for push in sequences()]])
-    path = cache_folder() / "tool_tasks" / f"{simulation_key(scene.to_json(), plans)}.npy"
-    if path.is_file():
-        return Start(scene, candidates, np.load(path))
+    key = simulation_key(scene.to_json(), plans)
+    path = cache_folder() / "tool_tasks" / f"{key}.npz"
+    if (found := kept(path, key)) is not None:
+        return Start(scene, candidates, found["poses"])
     poses = np.stack([_simulated(plan) for plan in candidates.plans])
-    with replacing(path) as temporary:
-        np.save(temporary, poses)
+    keep(path, key, {"poses": poses})
     return Start(scene, candidates, poses)
 
 

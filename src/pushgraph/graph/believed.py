@@ -8,10 +8,10 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.contact import RoundedBox, signed_gap
-from pushgraph.graph.joint_fit import MEASURED, JointFits
+from pushgraph.graph.joint_fit import MEASURED, JointFits, turning
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.state import State
-from pushgraph.pose import as_complex, turning
+from pushgraph.pose import as_complex
 from pushgraph.scene import SLIDE, SWING
 
 SIGNIFICANT = 2.0

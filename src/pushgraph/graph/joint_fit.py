@@ -19,7 +19,7 @@ from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
 from pushgraph.graph.scene_batch import Relations, pairs_of
-from pushgraph.pose import as_complex, turning
+from pushgraph.pose import as_complex
 
 FIRST_COUNT = 4.0
 """The place where the memory began counts as so many frames: it is the mean of what was seen before contact."""
@@ -32,6 +32,11 @@ AXIS_PULL = 0.002
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
 CONSTANTS = {"first_count": FIRST_COUNT, "measured": MEASURED, "anchor_spread": ANCHOR_SPREAD, "axis_pull": AXIS_PULL}
 """What features made of fits depend on."""
+
+
+def turning(angle: Float[Tensor, "*batch"]) -> Complex[Tensor, "*batch"]:
+    """The complex numbers that turn vectors by an angle (rad); see `as_complex`."""
+    return torch.polar(torch.ones_like(angle), angle)
 
 
 class RelativeMotion(NamedTuple):

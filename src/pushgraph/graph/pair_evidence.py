@@ -10,9 +10,10 @@ from torch import Tensor
 
 from pushgraph.graph import joint_fit
 from pushgraph.graph.broad_phase import LEVER
+from pushgraph.graph.joint_fit import turning
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.watching import Frame
-from pushgraph.pose import as_complex, turning, wrap_angle
+from pushgraph.pose import as_complex, wrap_angle
 
 FINE = 0.001
 """Lengths (m), and turns at LEVER, stand as the inverse hyperbolic sine in this unit: fine near zero, not large."""

@@ -354,8 +354,8 @@ def _joint_frames(scenes: Sequence[Scene], jointed: Sequence[_Jointed]) -> list[
     ends = [[scenes[one.scene].bodies[getattr(one, end)] for one in jointed] for end in ("parent", "child")]
     poses = [np.array([body.pose_world_from_body for body in bodies]) for bodies in ends]
     parents, children = (rounded_boxes([simple(body.shape) for body in bodies]) for bodies in ends)
-    touch = contact_between(parents, children, torch.from_numpy(pose.relative(*poses)))
-    columns = zip(jointed, *poses, touch.gap.tolist(), touch.middle.numpy(), strict=True)
+    touch = contact_between(parents, children, pose.relative(*poses))
+    columns = zip(jointed, *poses, touch.gap.tolist(), touch.middle, strict=True)
     return [place_joint(one.joint, *place) for one, *place in columns]
 
 

@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.contact import signed_gap
+from pushgraph.contact import RoundedBox, signed_gap
 from pushgraph.errors import PlanningError
 from pushgraph.parts import parts_of
 from pushgraph.planning.goal import Goal, index_of
@@ -45,14 +46,18 @@ def apart_cost(scene: Scene, bodies: Sequence[str], gap: float) -> Cost:
     if len(set(indices)) < 2:
         raise PlanningError(f"goal: it takes two bodies to be apart, got {', '.join(bodies) or 'none'}")
     parts = parts_of([scene.bodies[index].shape for index in indices])
-    owned = [(parts.owner == k).nonzero()[:, 0].tolist() for k in range(len(indices))]
+    owned = [np.flatnonzero(parts.owner == k).tolist() for k in range(len(indices))]
     pairs = [[(m, n) for m in owned[a] for n in owned[b]] for a, b in combinations(range(len(indices)), 2)]
-    first, second = torch.tensor([each for pair in pairs for each in pair]).T
+    first, second = np.array([each for pair in pairs for each in pair]).T
+    boxes = [RoundedBox(*map(torch.from_numpy, take(parts.boxes, index))) for index in (first, second)]
+    pose_body_from_part = torch.from_numpy(parts.pose_body_from_part)
 
     def cost(poses: Float[Tensor, "*plans frames bodies 3"]) -> Float[Tensor, "*plans frames"]:
-        placed = pose.compose(poses[..., indices, :][..., parts.owner, :], parts.pose_body_from_part)
+        placed = pose.compose(poses[..., indices, :][..., parts.owner, :], pose_body_from_part)
         between = pose.relative(placed[..., first, :], placed[..., second, :])
-        boxes_a, boxes_b = (take(parts.boxes, index.expand(between.shape[:-1])) for index in (first, second))
+        boxes_a, boxes_b = (
+            RoundedBox(*(some.expand(*between.shape[:-1], *some.shape[1:]) for some in each)) for each in boxes
+        )
         of_parts = signed_gap(boxes_a, boxes_b, between).split([len(pair) for pair in pairs], -1)
         gaps = torch.stack([of_pair.amin(-1) for of_pair in of_parts], -1)
         return (gap - gaps).clamp(min=0).sum(-1)

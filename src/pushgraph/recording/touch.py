@@ -6,7 +6,6 @@ from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 
 from pushgraph import pose
@@ -209,7 +208,7 @@ def _connected(scene: Scene, frames: Frames) -> Iterator[tuple[int, int, Bool[np
     count = len(scene.bodies)
     some = np.unique(np.linspace(0, len(frames.times) - 1, MOST_SAMPLES).astype(int))
     parts = parts_of([body.shape for body in scene.bodies])
-    owner, circles = parts.owner.numpy(), np.asarray(parts.circles)
+    owner, circles = parts.owner, parts.circles
     poses = parts.poses(np.nan_to_num(frames.poses[some, 1:]))
     linked = np.zeros((len(some), count, count), dtype=bool)
     linked[:, range(count), range(count)] = True
@@ -218,8 +217,8 @@ def _connected(scene: Scene, frames: Frames) -> Iterator[tuple[int, int, Bool[np
         near = np.hypot(between[:, 0], between[:, 1]) < circles[a] + circles[b] + NEIGHBOURS
         near &= frames.seen[some, owner[a] + 1] & frames.seen[some, owner[b] + 1]
         if near.any():
-            box_a, box_b = (take(parts.boxes, torch.tensor([part])) for part in (a, b))
-            near[near] = (signed_gap(box_a, box_b, torch.from_numpy(between[near])) < NEIGHBOURS).numpy()
+            box_a, box_b = (take(parts.boxes, np.full(near.sum(), part)) for part in (a, b))
+            near[near] = signed_gap(box_a, box_b, between[near]) < NEIGHBOURS
             near = np.maximum.accumulate(near)
             linked[:, owner[a], owner[b]] |= near
             linked[:, owner[b], owner[a]] |= near

@@ -123,5 +123,5 @@ def _neighbours(scene: Scene, farthest: float) -> Int[np.ndarray, "pairs 2"]:
     pairs = [(i, j) for i, j in scene.pairs_apart if not (still[i] and still[j])]
     if not pairs:
         return np.empty((0, 2), dtype=np.int64)
-    near = scene.contacts(pairs).gap.numpy() <= farthest
+    near = scene.contacts(pairs).gap <= farthest
     return np.array(pairs)[near]

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from pushgraph import pose
@@ -93,7 +92,7 @@ def _beside(
     candidate, first, second = np.array(pairs).T
     begins = np.flatnonzero(np.diff(candidate, prepend=-1))
     a = rounded_boxes([blocks[neighbour[c]].parts[i].shape for c, i, _ in pairs])
-    b = take(rounded_boxes([part.shape for part in blocks[index].parts]), torch.from_numpy(second))
+    b = take(rounded_boxes([part.shape for part in blocks[index].parts]), second)
     poses_a = np.concatenate([pose.compose(poses[k], blocks[k].poses_block_from_part) for k in neighbour])
     at_a = np.concatenate(([0], np.cumsum([len(blocks[k].parts) for k in neighbour])[:-1]))[candidate] + first
     poses_a, poses_own = poses_a[at_a], blocks[index].poses_block_from_part[second]
@@ -103,9 +102,9 @@ def _beside(
     for _ in range(5 if len(pairs) == count else 12):
         candidates = np.column_stack((poses[neighbour, :2] + distance[:, None] * ray, yaw))
         pose_a_from_b = pose.relative(poses_a, pose.compose(candidates[candidate], poses_own))
-        touch = contact_between(a, b, torch.from_numpy(pose_a_from_b))
-        slope = (touch.normal.numpy() * ray_in_a).sum(-1)
-        nearer = distance[candidate] - (touch.gap.numpy() - gap[candidate]) / np.maximum(slope, 0.2)
+        touch = contact_between(a, b, pose_a_from_b)
+        slope = (touch.normal * ray_in_a).sum(-1)
+        nearer = distance[candidate] - (touch.gap - gap[candidate]) / np.maximum(slope, 0.2)
         distance = np.maximum.reduceat(nearer, begins)
     return candidates
 
@@ -126,8 +125,6 @@ def _gaps(
     candidate, part, placed = (k.ravel() for k in np.indices((len(candidates), len(own.parts), len(parts))))
     pose_a_from_b = pose.relative(poses_placed[placed], poses_own[candidate, part])
     gaps = signed_gap(
-        take(rounded_boxes(parts), torch.from_numpy(placed)),
-        take(rounded_boxes([part.shape for part in own.parts]), torch.from_numpy(part)),
-        torch.from_numpy(pose_a_from_b),
+        take(rounded_boxes(parts), placed), take(rounded_boxes([part.shape for part in own.parts]), part), pose_a_from_b
     )
-    return gaps.reshape(len(candidates), -1).amin(-1).numpy()
+    return gaps.reshape(len(candidates), -1).min(-1)

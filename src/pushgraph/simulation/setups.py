@@ -21,7 +21,7 @@ from pushgraph.simulation.kinds import KINDS
 from pushgraph.simulation.lever_setup import LEVER_UP
 from pushgraph.simulation.masses import CONTROLLED_OBJECTS, controlled_masses, different_masses
 from pushgraph.simulation.placement import NoRoom
-from pushgraph.simulation.plan import DENSITIES, Density, Plan
+from pushgraph.simulation.plan import DENSITIES, Plan
 from pushgraph.simulation.scenery import MASS, place_paper_blocks, table_side
 from pushgraph.track import Track
 
@@ -47,7 +47,7 @@ class Trajectory(NamedTuple):
     """One draw of a setup; `rejected` counts, by reason, the scenes drawn before it that came to nothing."""
 
     track: Track
-    density: Density
+    density: str
     kind: str
     rejected: Counter[str]
 

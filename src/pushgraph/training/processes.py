@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor, distributed, multiprocessing
 
+from pushgraph.cores import usable_cores
 from pushgraph.device import device_of, gpus
 from pushgraph.errors import DeviceError, PushGraphError, TrainingError, TrainingInterrupted
 

@@ -4,12 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from pushgraph import contact
 from pushgraph.network.compiled.jit import compiled
 
-_TIE = contact.TIE[torch.float64]
+_TIE = contact.TIE[64]
 _COINCIDENT = (32 * np.finfo(np.float64).eps) ** 2
 """Points nearer than the root of this coincide."""
 _TINY = np.finfo(np.float64).tiny
