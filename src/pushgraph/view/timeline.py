@@ -18,7 +18,7 @@ class Timeline:
         raise NotImplementedError
 
     def refresh(self) -> None:
-        """After the drawing got another track: from its first frame, with its length and its pushes; hidden if still."""
+        """After the drawing got another track: its length and pushes, from its first frame; hidden if still."""
         raise NotImplementedError
 
     @property

@@ -1,0 +1,80 @@
+"""Names above bodies, each so high that none hides another."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pushgraph import pose_3d
+from pushgraph.lever_scene import LeverScene
+from pushgraph.scene import Scene
+from pushgraph.view.drawing.colours import EDGE
+from pushgraph.view.drawing.placing import start_of
+
+if TYPE_CHECKING:
+    from pushgraph.view.drawing.bodies import DrawnBody
+
+WIDTH = 0.56
+"""Of a letter, over the height of its line."""
+PADDING = 0.35
+"""Of the ground of a label on either side, over the height of its line."""
+GAP = 0.012
+"""Between a body and its name (m)."""
+MOST_STEPS = 12
+
+
+class View(NamedTuple):
+    """From where a scene is first seen. target, position: m. letters: height of a line of text (m)."""
+
+    target: tuple[float, float, float]
+    position: tuple[float, float, float]
+    letters: float
+
+
+def add_names(
+    api: viser.SceneApi,
+    node_of: Callable[[str], str],
+    scene: Scene | LeverScene,
+    bodies: Sequence["DrawnBody"],
+    view: View,
+) -> None:
+    """A name over each body, which it carries along; a thin pole leads to those that stand higher."""
+    middles = np.array([body.middle for body in bodies])
+    places = pose_3d.transform(start_of(scene)[1:], middles + [0, 0, GAP])
+    heights = heights_of(places, [len(body.name) for body in bodies], view)
+    for body, height in zip(bodies, heights.tolist(), strict=True):
+        x, y, top = body.middle
+        at, node = (x, y, top + GAP + height), node_of(body.name)
+        size = {"font_size_mode": "scene", "font_scene_height": view.letters}
+        api.add_label(f"{node}/name", body.name, position=at, anchor="bottom-center", **size)
+        if height:
+            pole = np.array([[[x, y, top], at]])
+            api.add_line_segments(f"{node}/pole", pole, EDGE, thickness=1.0, thickness_units="screen")
+
+
+def heights_of(places: Float[np.ndarray, "names 3"], lengths: Sequence[int], view: View) -> Float[np.ndarray, " names"]:
+    """How much higher than its place each name must stand, so that none hides another as first seen (m).
+
+    lengths: letters. The nearest stand lowest; a name that finds no room in twelve steps stays at the twelfth.
+    """
+    forward = np.subtract(view.target, view.position)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, [0, 0, 1])
+    right = right / np.linalg.norm(right)
+    up = np.cross(right, forward)
+    line = view.letters * (1 + PADDING)
+    half = np.array([(WIDTH * length + 2 * PADDING) * view.letters / 2 for length in lengths])
+    across, along = places @ right, places @ up
+    rise = line / max(float(up[2]), 0.2)
+    heights = np.zeros(len(places))
+    taken: list[tuple[float, float, float]] = []
+    for index in np.argsort(places @ forward, kind="stable").tolist():
+        for step in range(MOST_STEPS + 1):
+            heights[index] = step * rise
+            at = along[index] + heights[index] * up[2]
+            if not any(abs(at - y) < line and abs(across[index] - x) < half[index] + w for x, y, w in taken):
+                break
+        taken.append((float(across[index]), float(at), float(half[index])))
+    return heights

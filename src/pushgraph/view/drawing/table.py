@@ -1,0 +1,82 @@
+"""The table top with a line every 10 cm, and where a scene is first seen from."""
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pushgraph.lever_scene import LeverScene, corners
+from pushgraph.scene import Scene, Table
+from pushgraph.view.drawing.colours import GRID, TABLE
+from pushgraph.view.drawing.layer import Layer
+from pushgraph.view.drawing.names import View
+from pushgraph.view.drawing.placing import in_space, start_of
+from pushgraph.view.drawing.solids import box
+
+THICKNESS = 0.02
+LINES = 0.1
+ELEVATION = np.radians(52)
+FIELD = np.radians(40)
+"""Of view, from lower to upper rim."""
+LETTERS = 40
+"""So many lines of text are as high as what is seen."""
+
+
+class DrawnTable:
+    """The table of a scene; one of a lever scene is as large as what lies on it."""
+
+    def __init__(self, api: viser.SceneApi, node: str) -> None:
+        self._layer = Layer(api, node)
+
+    def show(self, scene: Scene | LeverScene) -> None:
+        """Draw it, if it is another than before."""
+        table, height = (scene.table, 0.0) if isinstance(scene, Scene) else _under(scene)
+        self._layer.draw((table, height), lambda: self._draw(table, height))
+
+    def clear(self) -> None:
+        """Remove it."""
+        self._layer.clear()
+
+    def _draw(self, table: Table, height: float) -> None:
+        api, node = self._layer.api, f"{self._layer.node}/top"
+        place = in_space(np.array(table.pose_world_from_table), height).tolist()
+        api.add_frame(node, show_axes=False, position=place[:3], wxyz=place[3:])
+        x, y = table.size
+        top = box((x, y, THICKNESS))
+        at = {"position": (0.0, 0.0, -THICKNESS / 2 - 1e-3)}
+        api.add_mesh_simple(f"{node}/solid", top.vertices, top.faces, color=TABLE, flat_shading=True, **at)
+        lines = [np.arange(-int(length / 2 / LINES), int(length / 2 / LINES) + 1) * LINES for length in (x, y)]
+        along = [[[at, -y / 2], [at, y / 2]] for at in lines[0]] + [[[-x / 2, at], [x / 2, at]] for at in lines[1]]
+        flat = np.concatenate((np.array(along), np.zeros((len(along), 2, 1))), -1)
+        api.add_line_segments(f"{node}/grid", flat, GRID, thickness=1.0, thickness_units="screen")
+
+
+def _under(scene: LeverScene) -> tuple[Table, float]:
+    low, high = extent(scene)
+    size = tuple(np.ceil((high - low)[:2] * 10 + 2) / 10)
+    x, y = ((low + high) / 2)[:2].round(2).tolist()
+    return Table(size=size, pose_world_from_table=(x, y, 0.0)), min(0.0, float(low[2]))
+
+
+def extent(scene: Scene | LeverScene) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lowest and highest coordinates (m) of the bodies and of the pushes' way-points."""
+    if isinstance(scene, LeverScene):
+        places = [corners(body.size, body.pose) for body in scene.bodies]
+        path = scene.tool_poses(np.array([point.time for point in scene.path]))[:, :3]
+        points = np.concatenate((*places, path))
+        return points.min(0), points.max(0)
+    centres = start_of(scene)[1:, :3]
+    reach = np.array([[body.shape.reach, body.shape.reach, 0.0] for body in scene.bodies])
+    tops = centres + [[0.0, 0.0, body.shape.height] for body in scene.bodies]
+    ways = [np.column_stack((push.waypoints[:, :2], np.zeros(len(push.waypoints)))) for push in scene.pushes]
+    points = np.concatenate((centres - reach, tops + reach, *ways))
+    return points.min(0), points.max(0)
+
+
+def view_of(scene: Scene | LeverScene) -> View:
+    """From the side of negative y, so far away that all of it is seen."""
+    low, high = extent(scene)
+    middle, reach = (low + high) / 2, float(np.linalg.norm((high - low)[:2])) / 2 + 0.05
+    distance = reach / np.tan(FIELD / 2)
+    position = middle + distance * np.array([0.0, -np.cos(ELEVATION), np.sin(ELEVATION)])
+    target, eye = (tuple(point.round(3).tolist()) for point in (middle, position))
+    return View(target, eye, round(2 * reach / LETTERS, 4))
