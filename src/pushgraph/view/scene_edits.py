@@ -28,11 +28,17 @@ def add_body(scene: Scene, body: Content) -> Scene:
     return edited(scene, lambda content: content["bodies"].append(body))
 
 
-def change_body(scene: Scene, name: str, fields: Content) -> Scene:
-    """With other fields of a body: name, shape, mass, fixed; joints and groups keep to it if it is renamed."""
+def change_body(scene: Scene, name: str, fields: Content, place: Sequence[float] | None = None) -> Scene:
+    """With other fields of a body: name, shape, mass, fixed; joints and groups keep to it if it is renamed.
+
+    place: as in `place_body`; at once, for the one may need the other.
+    """
     index = _index(scene, name)
+    moved = None if place is None else _moved(scene, name, place)
 
     def change(content: Content) -> None:
+        if moved is not None:
+            moved(content)
         content["bodies"][index] |= fields
         new = fields.get("name", name)
         for joint in content["joints"]:
@@ -67,7 +73,7 @@ def place_body(scene: Scene, name: str, place: Sequence[float]) -> Scene:
                 if joint.get("axis") is not None:
                     joint["axis"] = pose.rotate(np.array(joint["axis"], dtype=float), motion[2]).tolist()
 
-    return edited(scene, change)
+    return change
 
 
 def delete_body(scene: Scene, name: str) -> Scene:

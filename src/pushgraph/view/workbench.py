@@ -68,9 +68,9 @@ class Workbench:
         """A body as it stands in a scene file."""
         self._edit(scene_edits.add_body(self.planar, body))
 
-    def change_body(self, name: str, fields: Content) -> None:
-        """Other fields of a body."""
-        self._edit(scene_edits.change_body(self.planar, name, fields))
+    def change_body(self, name: str, fields: Content, place: Sequence[float] | None = None) -> None:
+        """Other fields of a body, and another pose."""
+        self._edit(scene_edits.change_body(self.planar, name, fields, place))
 
     def move_body(self, name: str, point: Sequence[float]) -> None:
         """Its frame to another place (m), turned as it is."""
