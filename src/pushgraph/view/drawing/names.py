@@ -42,16 +42,31 @@ def add_names(
 ) -> None:
     """A name over each body, which it carries along; a thin pole leads to those that stand higher."""
     middles = np.array([body.middle for body in bodies])
-    places = pose_3d.transform(start_of(scene)[1:], middles + [0, 0, GAP])
+    poses = start_of(scene)[1:]
+    if isinstance(scene, LeverScene):
+        middles = _on_rims(scene, middles, poses, view)
+    places = pose_3d.transform(poses, middles + [0, 0, GAP])
     heights = heights_of(places, [len(body.name) for body in bodies], view)
-    for body, height in zip(bodies, heights.tolist(), strict=True):
-        x, y, top = body.middle
+    for body, (x, y, top), height in zip(bodies, middles.tolist(), heights.tolist(), strict=True):
         at, node = (x, y, top + GAP + height), node_of(body.name)
         size = {"font_size_mode": "scene", "font_scene_height": view.letters}
         api.add_label(f"{node}/name", body.name, position=at, anchor="bottom-center", **size)
         if height:
             pole = np.array([[[x, y, top], at]])
             api.add_line_segments(f"{node}/pole", pole, EDGE, thickness=1.0, thickness_units="screen")
+
+
+def _on_rims(
+    scene: LeverScene, middles: Float[np.ndarray, "bodies 3"], poses: Float[np.ndarray, "bodies 7"], view: View
+) -> Float[np.ndarray, "bodies 3"]:
+    """Names of fixed boxes stand at the rim that is nearest to the viewer: the board lies on their middles."""
+    towards = pose_3d.transform(pose_3d.inverse(poses), np.array(view.position)) - middles
+    side = np.abs(towards[:, :2]).argmax(-1)
+    fixed = np.flatnonzero([body.fixed for body in scene.bodies])
+    moved, side = middles.copy(), side[fixed]
+    half = np.array([body.size for body in scene.bodies])[fixed, side] / 2
+    moved[fixed, side] += np.sign(towards[fixed, side]) * half
+    return moved
 
 
 def heights_of(places: Float[np.ndarray, "names 3"], lengths: Sequence[int], view: View) -> Float[np.ndarray, " names"]:

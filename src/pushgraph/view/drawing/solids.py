@@ -61,14 +61,12 @@ def box(size: tuple[float, float, float]) -> Solid:
     return prism(np.array([[x, y], [-x, y], [-x, -y], [x, -y]]), -z, z)
 
 
-def ring(width: float, sides: int = SIDES) -> Solid:
-    """A flat ring of radius 1 at its outer rim."""
-    outer, inner = (np.column_stack((circle(radius, sides), np.zeros(sides))) for radius in (1.0, 1.0 - width))
+def disc(sides: int = SIDES) -> Solid:
+    """A flat disc of radius 1 that faces up, and its rim."""
+    rim = np.column_stack((circle(1.0, sides), np.zeros(sides)))
     here, following = np.arange(sides), np.roll(np.arange(sides), -1)
-    faces = np.concatenate(
-        (np.stack((here, following, following + sides), 1), np.stack((here, following + sides, here + sides), 1))
-    )
-    return Solid(np.concatenate((outer, inner)), faces, np.zeros((0, 2, 3)))
+    faces = np.stack((here, following, np.full(sides, sides)), 1)
+    return Solid(np.vstack((rim, np.zeros(3))), faces, np.stack((rim, rim[following]), 1))
 
 
 def _triangles(outline: Float[np.ndarray, "corners 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -8,14 +8,14 @@ from pushgraph.track import Track
 from pushgraph.view.drawing.colours import SPREAD
 from pushgraph.view.drawing.layer import DIGITS, Layer
 from pushgraph.view.drawing.placing import in_space
-from pushgraph.view.drawing.solids import ring
+from pushgraph.view.drawing.solids import disc
 
 PROBABILITIES = (0.68, 0.95)
-WIDTHS = (0.16, 0.06)
-"""Of the lines, over the half-axes."""
+OPACITIES = (0.75, 0.4)
 LEAST = 0.001
 """A region whose half-axes are smaller is not shown (m)."""
-ABOVE = 0.003
+ABOVE = (0.004, 0.003)
+"""The smaller region lies on the larger one, over the body (m)."""
 
 
 class SpreadEllipses:
@@ -23,7 +23,7 @@ class SpreadEllipses:
 
     def __init__(self, api: viser.SceneApi, node: str) -> None:
         self._layer = Layer(api, node)
-        self._rings: list[viser.BatchedMeshHandle] = []
+        self._discs: list[viser.BatchedMeshHandle] = []
         self._last: list[np.ndarray] = []
         self._track: Track | None = None
 
@@ -35,13 +35,18 @@ class SpreadEllipses:
     def clear(self) -> None:
         """Remove them."""
         self._layer.clear()
-        self._rings, self._track = [], None
+        self._discs, self._track = [], None
+
+    @property
+    def shown(self) -> bool:
+        """Whether there are any."""
+        return self._track is not None
 
     def at(self, frame: int) -> None:
         """Place them as they are in this frame."""
         if self._track is None:
             return
-        for index, (handle, (places, scales)) in enumerate(zip(self._rings, regions(self._track, frame), strict=True)):
+        for index, (handle, (places, scales)) in enumerate(zip(self._discs, regions(self._track, frame), strict=True)):
             now = np.round(np.hstack((places, scales)), DIGITS)
             if not np.array_equal(now, self._last[index]):
                 handle.batched_positions, handle.batched_wxyzs, handle.batched_scales = (
@@ -52,10 +57,10 @@ class SpreadEllipses:
                 self._last[index] = now
 
     def _draw(self, track: Track) -> None:
-        self._rings, self._last = [], []
-        for probability, width, (places, scales) in zip(PROBABILITIES, WIDTHS, regions(track, 0), strict=True):
-            drawn = ring(width)
-            self._rings.append(
+        self._discs, self._last = [], []
+        for probability, opacity, (places, scales) in zip(PROBABILITIES, OPACITIES, regions(track, 0), strict=True):
+            drawn = disc()
+            self._discs.append(
                 self._layer.api.add_batched_meshes_simple(
                     f"{self._layer.node}/{probability * 100:.0f}",
                     drawn.vertices,
@@ -64,6 +69,7 @@ class SpreadEllipses:
                     batched_positions=places[:, :3],
                     batched_scales=scales,
                     batched_colors=SPREAD,
+                    opacity=opacity,
                     side="double",
                     cast_shadow=False,
                     receive_shadow=False,
@@ -74,15 +80,17 @@ class SpreadEllipses:
 
 
 def regions(track: Track, frame: int) -> list[tuple[Float[np.ndarray, "bodies 7"], Float[np.ndarray, "bodies 3"]]]:
-    """For each probability, where a ring of radius 1 is placed over each body, and its half-axes as scales (m)."""
+    """For each probability, where a disc of radius 1 is placed over each body, and its half-axes as scales (m)."""
     assert track.spread is not None
     middles = track.poses[frame, 1:].copy()
-    height = np.array([body.shape.height for body in track.scene.bodies]) + ABOVE
+    heights = np.array([body.shape.height for body in track.scene.bodies])
     found = []
-    for probability in PROBABILITIES:
+    for probability, above in zip(PROBABILITIES, ABOVE, strict=True):
         ellipse = track.spread.take(frame).ellipse(probability)
         shown = (np.maximum(ellipse.along, ellipse.across) >= LEAST) & track.seen[frame, 1:]
         middles[:, 2] = ellipse.direction
         scales = np.stack((ellipse.along, ellipse.across, np.ones_like(ellipse.along)), -1)
-        found.append((in_space(np.where(shown[:, None], middles, 0.0), height), np.where(shown[:, None], scales, 0.0)))
+        found.append(
+            (in_space(np.where(shown[:, None], middles, 0.0), heights + above), np.where(shown[:, None], scales, 0.0))
+        )
     return found

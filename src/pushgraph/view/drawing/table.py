@@ -4,6 +4,7 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from pushgraph.arm import Arm
 from pushgraph.lever_scene import LeverScene, corners
 from pushgraph.scene import Scene, Table
 from pushgraph.view.drawing.colours import GRID, TABLE
@@ -14,7 +15,11 @@ from pushgraph.view.drawing.solids import box
 
 THICKNESS = 0.02
 LINES = 0.1
-ELEVATION = np.radians(52)
+ELEVATION, LOW = np.radians(52), np.radians(28)
+NEARER = 0.85
+"""What is seen from above is not as high as it is wide."""
+ARM_HEIGHT = 0.9
+"""Of an arm at work above its base (m)."""
 FIELD = np.radians(40)
 """Of view, from lower to upper rim."""
 LETTERS = 40
@@ -73,10 +78,28 @@ def extent(scene: Scene | LeverScene) -> tuple[Float[np.ndarray, "3"], Float[np.
 
 
 def view_of(scene: Scene | LeverScene) -> View:
-    """From the side of negative y, so far away that all of it is seen."""
+    """From so far away that all of it is seen: a table from the side of negative y, a lever scene from beside the tool,
+    low enough to see the board rise.
+    """
     low, high = extent(scene)
-    middle, reach = (low + high) / 2, float(np.linalg.norm((high - low)[:2])) / 2 + 0.05
-    distance = reach / np.tan(FIELD / 2)
-    position = middle + distance * np.array([0.0, -np.cos(ELEVATION), np.sin(ELEVATION)])
+    if isinstance(scene, LeverScene):
+        board, tool = scene.bodies[scene.board].position, scene.path[0].position
+        return _seen(low, high, np.arctan2(tool[1] - board[1], tool[0] - board[0]) - np.pi / 3, LOW)
+    return _seen(low, high, -np.pi / 2, ELEVATION)
+
+
+def view_of_arm(scene: Scene, arm: Arm) -> View:
+    """From the side that the arm's base faces, with the arm in view."""
+    low, high = extent(scene)
+    x, y, yaw = arm.pose_world_from_base
+    base = np.array([x, y, arm.base_height])
+    return _seen(np.minimum(low, base), np.maximum(high, base + [0, 0, ARM_HEIGHT]), yaw + np.radians(50), LOW)
+
+
+def _seen(low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], azimuth: float, elevation: float) -> View:
+    """Of a box, from a direction (rad) and from above (rad)."""
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 + 0.05
+    level = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    position = middle + NEARER * reach / np.tan(FIELD / 2) * np.array([*level, np.sin(elevation)])
     target, eye = (tuple(point.round(3).tolist()) for point in (middle, position))
-    return View(target, eye, round(2 * reach / LETTERS, 4))
+    return View(target, eye, round(2 * NEARER * reach / LETTERS, 4))

@@ -59,6 +59,12 @@ class DrawnTool:
             api.add_line_segments(f"{frame}/edges_{index}", solid.edges, EDGE, **line, **at)
 
 
+def arrow_height(scene: Scene) -> float:
+    """At which pushes are drawn (m): over whatever there is."""
+    heights = [body.shape.height for body in scene.bodies] + [part.shape.height for part in scene.tool.parts]
+    return max(heights) + GAP
+
+
 class DrawnPushes:
     """Arrows over the bodies along which the tool will go, and their numbers from 1 on."""
 
@@ -67,8 +73,8 @@ class DrawnPushes:
 
     def show(self, scene: Scene, view: View) -> None:
         """Draw them, if they are others than before."""
-        height = max(max(body.shape.height for body in scene.bodies), max(p.shape.height for p in scene.tool.parts))
-        self._layer.draw((scene.pushes, height, view), lambda: self._draw(scene.pushes, height + GAP, view))
+        height = arrow_height(scene)
+        self._layer.draw((scene.pushes, height, view), lambda: self._draw(scene.pushes, height, view))
 
     def clear(self) -> None:
         """Remove them."""
