@@ -48,14 +48,14 @@ def view(
 
     `pushgraph view predicted/track.h5 --save page.html`
     """
-    from pushgraph.view.page import Page, open_shown, open_track
+    from pushgraph.view.page import Page, open_shown, open_track, with_prediction
 
     opened = open_shown(shown, scene)
     other = None if compare is None else open_track(compare)
     if save is not None:
         from pushgraph.view.saved_page import save_page
 
-        save_page(opened, save, compare=other)
+        save_page(save, with_prediction(opened), compare=other)
         say_files([save])
         return
     with console.status("Opening the page; the first prediction on a machine compiles for some 20 s"):

@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from pushgraph.scene import Scene
 from pushgraph.view import scene_edits
+from pushgraph.view.drawing.tool import arrow_height
 from pushgraph.view.session import Session
 
-HEIGHT = 0.012
-"""Handles lie so high above the table (m)."""
-RADIUS = 0.014
+RADIUS = 0.013
+"""Of the knobs at which things are dragged (m)."""
 COLOURS = {"start": (0, 114, 178), "end": (213, 94, 0), "goal": (0, 158, 115)}
 """Told apart by colour-blind people, too (Okabe and Ito)."""
 
@@ -31,7 +31,9 @@ class Handles:
         """Put every handle where what it stands for is."""
         work = self.session.workbench.work
         wanted: dict[str, tuple[float, float]] = {}
+        height = 0.0
         if isinstance(work.scene, Scene):
+            height = arrow_height(work.scene)
             for index, push in enumerate(work.scene.pushes):
                 wanted[f"push/{index}/start"] = push.start
                 x, y = push.waypoints[-1, :2].tolist()
@@ -43,17 +45,20 @@ class Handles:
         for name, (x, y) in wanted.items():
             if name not in self._knobs:
                 self._knobs[name] = self._new_knob(name)
-            self._knobs[name].position = (x, y, HEIGHT)
+            self._knobs[name].position = (x, y, height)
         self._hold_bodies(isinstance(work.scene, Scene))
 
     def _new_knob(self, name: str) -> Any:
         kind = name.rsplit("/", 1)[-1]
         knob = self.session.server.scene.add_icosphere(f"/handles/{name}", RADIUS, color=COLOURS[kind])
+        if name == "goal":
+            pole = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]])
+            self.session.server.scene.add_line_segments(f"/handles/{name}/pole", pole, COLOURS[kind], thickness=0.003)
         preview, done = self._of_goal() if name == "goal" else self._of_push(int(name.split("/")[1]), kind)
 
         @knob.on_drag
         async def _(event: Any) -> None:
-            point = on_table(event, HEIGHT)
+            point = on_table(event, float(knob.position[2]))
             if point is None:
                 return
             if event.phase == "end":
@@ -65,7 +70,7 @@ class Handles:
 
     def _move(self, name: str, point: Float[np.ndarray, "2"], preview: Callable[[np.ndarray], None]) -> None:
         if name in self._knobs:  # it may have been deleted by another browser meanwhile
-            self._knobs[name].position = (*point.tolist(), HEIGHT)
+            self._knobs[name].position = (*point.tolist(), float(self._knobs[name].position[2]))
             self.session.server.flush()
             preview(point)
 

@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
 
+from pushgraph.belief_history import BeliefHistory
 from pushgraph.errors import SceneError, TrackError
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack
@@ -21,7 +22,7 @@ from pushgraph.view.opening import Opened, open_file
 from pushgraph.view.panel import add_panel
 from pushgraph.view.server import LOCAL, PORT, is_local, start_server
 from pushgraph.view.session import Session
-from pushgraph.view.workbench import Workbench
+from pushgraph.view.workbench import PREDICTED, Workbench
 
 SHIPPED_SCENES = Path(str(files("pushgraph"))) / "scenes"
 
@@ -87,7 +88,7 @@ class Page:
 
 
 def view(
-    shown: Scene | LeverScene | Track | LeverTrack | Opened | str | os.PathLike = "demo",
+    shown: Opened | str | os.PathLike = "demo",
     compare: Track | LeverTrack | None = None,
     folder: str | os.PathLike = ".",
     host: str = LOCAL,
@@ -101,9 +102,10 @@ def view(
     returning; by default in scripts, which would else end at once, and not in notebooks and consoles, where the page
     that is returned shows itself. Raises ViewerError if viser (extra [viewer]) is missing.
     """
-    named = isinstance(shown, str | os.PathLike)
-    opened = open_shown(os.fspath(shown)) if isinstance(shown, str | os.PathLike) else shown
-    page = Page(opened, compare, folder, host, port, Path(os.fspath(shown)).name if named else "Opened")
+    if isinstance(shown, str | os.PathLike):
+        page = Page(open_shown(os.fspath(shown)), compare, folder, host, port, Path(shown).name)
+    else:
+        page = Page(shown, compare, folder, host, port)
     waiting = not _interactive() if wait is None else wait
     if waiting:
         print(f"The page is at {page.url}; Ctrl-C ends it.", flush=True)
@@ -133,6 +135,16 @@ def open_track(path: str | os.PathLike) -> Track | LeverTrack:
     if not isinstance(opened, Track | LeverTrack):
         raise TrackError(f"{path}: holds no track")
     return opened
+
+
+def with_prediction(opened: Opened) -> Scene | LeverScene | Track | LeverTrack | BeliefHistory:
+    """What is worth to be saved as a page: of a scene or a plan, what its pushes are predicted to do."""
+    workbench = Workbench(opened, Folder("."))
+    work = workbench.work
+    if work.tracks or work.history is not None or not getattr(work.scene, "pushes", True):
+        return work.history or next(iter(work.tracks.values()), work.scene)
+    workbench.predict()
+    return workbench.work.tracks[PREDICTED]
 
 
 def _interactive() -> bool:

@@ -52,6 +52,10 @@ def change_body(scene: Scene, name: str, fields: Content, place: Sequence[float]
 
 def place_body(scene: Scene, name: str, place: Sequence[float]) -> Scene:
     """With a body at another pose (x, y, yaw); all of its rigid group, and the joints that it is the parent of, too."""
+    return edited(scene, _moved(scene, name, place))
+
+
+def _moved(scene: Scene, name: str, place: Sequence[float]) -> Callable[[Content], None]:
     index = _index(scene, name)
     new = np.array(place, dtype=float)
     old = scene.poses_world_from_body[index]

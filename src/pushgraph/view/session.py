@@ -23,7 +23,7 @@ Action = Callable[[], str | None]
 LONGEST_MESSAGE = 2000
 MOST_NOTES = 30
 HELP = (
-    "**Drag** the ends of a push, a body, or the flag of a goal. Shift-drag turns a body.<br/>"
+    "**Drag** the ends of a push, a body, or the pin of a goal. Shift-drag turns a body.<br/>"
     "**Space** plays, **←** and **→** step, **Z** undoes the last change."
 )
 
@@ -42,6 +42,8 @@ class Session:
         self._shown: Work | None = None
         self._unpredictable: object = None
         self._shown_tracks: tuple[AnyTrack | None, AnyTrack | None] = (None, None)
+        self.believed = False
+        """Whether predictions take the joints that are believed, while there are beliefs."""
         self.chosen: tuple[str, str] = ("", "")
         """Titles of the track that moves and of its ghost; empty: chosen by what there is."""
         server.gui.add_markdown(HELP)
@@ -132,7 +134,7 @@ class Session:
         work = self.workbench.work
         if not work.tracks and getattr(work.scene, "pushes", True) and work.scene is not self._unpredictable:
             try:
-                self.workbench.predict()
+                self.workbench.predict(self.believed and work.history is not None)
             except PushGraphError as error:
                 self._unpredictable = work.scene
                 return f"Not predicted: {error}"

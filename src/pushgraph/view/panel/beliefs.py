@@ -16,14 +16,21 @@ class BeliefControls(Controls):
 
     def make(self) -> None:
         """Add the controls where the GUI stands."""
-        self.button("Watch next push", self._step, "Of what was opened, simulated or predicted")
-        self.button("Forget", self.workbench.forget, "Begin to watch anew")
+        self.buttons(
+            "Watch",
+            {"Next push": self._step, "Forget": self.workbench.forget},
+            "Watch one push more of what was opened, simulated or predicted; begin anew",
+        )
         self.told = self.gui.add_html("")
+        self.believed = self.gui.add_checkbox(
+            "predict so", False, hint="With the joints that are believed, and the doubt"
+        )
+        self.on_change(self.believed, self._believe)
         self.gui.add_divider()
         self.one = self.gui.add_dropdown("Bodies", (NONE,))
         self.other = self.gui.add_dropdown("and", (NONE,))
         self.kind = self.gui.add_dropdown("are joined", (*JOINT_CODES, AS_SEEN))
-        self.button("Correct", self._correct, "From now on this is known of the two")
+        self.buttons("This", {"Correct": self._correct}, "From now on this is known of the two")
 
     def refresh(self) -> None:
         """Tell what is believed."""
@@ -39,6 +46,10 @@ class BeliefControls(Controls):
         self.workbench.step_belief()
         watching = self.workbench.work.watching
         return f"{watching.done} of {watching.end} frames were watched." if watching else ""
+
+    def _believe(self) -> None:
+        self.session.believed = bool(self.believed.value)
+        self.workbench.predict(self.session.believed)
 
     def _correct(self) -> None:
         kind = None if self.kind.value == AS_SEEN else self.kind.value

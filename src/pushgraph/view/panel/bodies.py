@@ -20,7 +20,7 @@ class BodyControls(Controls):
 
     def make(self) -> None:
         """Add the controls where the GUI stands."""
-        self.body = self.gui.add_dropdown("Body", (NONE,))
+        self.body = self.gui.add_dropdown("Chosen", (NONE,))
         self.name = self.gui.add_text("Name", "")
         self.shape = self.gui.add_dropdown("Shape", (*SHAPES, AS_IT_IS))
         self.size = self.gui.add_vector2(
@@ -31,9 +31,11 @@ class BodyControls(Controls):
         self.fixed = self.gui.add_checkbox("fixed", False, hint="Nothing moves it")
         self.position = self.gui.add_vector2("Place (m)", (0.0, 0.0), step=0.005)
         self.yaw = self.gui.add_number("Yaw (deg)", 0.0, step=1.0)
-        self.button("Change body", self._change, "Take over what stands here")
-        self.button("Add body", self._add, "A new one, as stands here")
-        self.button("Delete body", lambda: self.workbench.delete(self.body.value), "With its joints")
+        self.buttons(
+            "Body",
+            {"Change": self._change, "Add": self._add, "Delete": lambda: self.workbench.delete(self.body.value)},
+            "Take over what stands here; add one as stands here; delete this one with its joints",
+        )
         self.on_change(self.body, lambda: None)
         self._shown: Body | None = None
 

@@ -1,9 +1,9 @@
 """What all groups of controls have in common."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from pushgraph.view.session import Session
+from pushgraph.view.session import Action, Session
 
 NONE = "(none)"
 """Stands in a list to choose from for nothing."""
@@ -13,8 +13,10 @@ class Controls:
     """A group of controls: made once, brought up to date by `refresh` after every change."""
 
     def __init__(self, session: Session) -> None:
-        self.session, self.gui, self.workbench = session, session.server.gui, session.workbench
-        self.buttons: dict[str, Any] = {}
+        self.session, self.workbench = session, session.workbench
+        self.gui: Any = session.server.gui  # viser's types say that no value can be set
+        self.clicks: dict[str, tuple[Any, Action]] = {}
+        """The buttons by what stands on them: their row, and what they do."""
         self.make()
         session.refreshers.append(self.refresh)
 
@@ -25,17 +27,17 @@ class Controls:
     def refresh(self) -> None:
         """Show the state of the workbench."""
 
-    def button(self, label: str, action: Callable[[], str | None], hint: str | None = None) -> Any:
-        """A button that does something in its turn."""
-        made = self.buttons[label] = self.gui.add_button(label, hint=hint)
+    def buttons(self, label: str, actions: Mapping[str, Action], hint: str | None = None) -> None:
+        """Buttons in a row, each of which does something in its turn."""
+        row = self.gui.add_button_group(label, tuple(actions), hint=hint)
+        self.clicks |= {option: (row, action) for option, action in actions.items()}
 
-        @made.on_click
+        @row.on_click
         async def _(event: Any) -> None:
-            self.session.do(action, event.client)
+            if event.target.value in actions:
+                self.session.do(actions[event.target.value], event.client)
 
-        return made
-
-    def on_change(self, control: Any, action: Callable[[], str | None]) -> None:
+    def on_change(self, control: Any, action: Action) -> None:
         """Do something in its turn when a person changes a control, not when the program does."""
 
         @control.on_update

@@ -10,13 +10,12 @@ class FileControls(Controls):
     def make(self) -> None:
         """Add the controls where the GUI stands."""
         self.file = self.gui.add_dropdown("File", (NONE,))
-        self.button("Load", self._load, "A scene, a track, beliefs or a plan")
-        self.button("Look again", lambda: None, "For new files")
+        self.buttons("This", {"Load": self._load, "Look again": lambda: None}, "Load it; look for new files")
         self.gui.add_divider()
         self.what = self.gui.add_dropdown("Save", tuple(SAVED))
         self.name = self.gui.add_text("as", "")
         self.replace = self.gui.add_checkbox("replace", False, hint="Even if there is such a file already")
-        self.button("Save", self._save)
+        self.buttons("This ", {"Save": self._save})
 
     def refresh(self) -> None:
         """List the files there are."""

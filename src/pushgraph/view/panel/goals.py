@@ -15,10 +15,13 @@ class GoalControls(Controls):
         self.position = self.gui.add_vector2("Goal (m)", (0.0, 0.0), step=0.005)
         self.turned = self.gui.add_checkbox("turned so", False, hint="Whether its yaw matters, too")
         self.yaw = self.gui.add_number("Yaw (deg)", 0.0, step=1.0)
-        self.button("Set goal", self._set)
-        self.pushes = self.gui.add_slider("Pushes at most", 1, 4, 1, 2)
+        self.pushes = self.gui.add_slider("Pushes", 1, 4, 1, 2, hint="At most")
+        self.buttons(
+            "Goal",
+            {"Set": self._set, "Plan": self._plan},
+            "Take over what stands here; choose pushes that bring the body there, in the place of the scene's",
+        )
         self.progress = self.gui.add_progress_bar(0.0, visible=False)
-        self.button("Plan", self._plan, "Choose pushes that bring the body to the goal; they replace the scene's")
         self.on_change(self.body, self._choose)
 
     def refresh(self) -> None:

@@ -16,8 +16,11 @@ class JointControls(Controls):
         self.parent = self.gui.add_dropdown("Join", (NONE,))
         self.child = self.gui.add_dropdown("and", (NONE,))
         self.kind = self.gui.add_dropdown("by a joint", get_args(JointKind))
-        self.button("Join", self._join, "Where the two face each other")
-        self.button("Part", lambda: self.workbench.part(self.parent.value, self.child.value), "Take their joint away")
+        self.buttons(
+            "Joint",
+            {"Join": self._join, "Part": lambda: self.workbench.part(self.parent.value, self.child.value)},
+            "Join the two where they face each other; take their joint away",
+        )
 
     def refresh(self) -> None:
         """List the bodies."""

@@ -6,7 +6,7 @@ from pushgraph.view.panel.files import FileControls
 from pushgraph.view.panel.goals import GoalControls
 from pushgraph.view.panel.joints import JointControls
 from pushgraph.view.panel.pushes import PushControls
-from pushgraph.view.panel.tracks import TrackControls
+from pushgraph.view.panel.tracks import DeedControls, TrackControls
 from pushgraph.view.session import Session
 
 TABS = {
@@ -20,7 +20,7 @@ TABS = {
 
 def add_panel(session: Session) -> dict[type, object]:
     """Put every control into the page of a session; returns them by class."""
-    made: dict[type, object] = {}
+    made: dict[type, object] = {DeedControls: DeedControls(session)}
     tabs = session.server.gui.add_tab_group()
     for label, classes in TABS.items():
         with tabs.add_tab(label):

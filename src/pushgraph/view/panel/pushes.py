@@ -12,13 +12,15 @@ class PushControls(Controls):
 
     def make(self) -> None:
         """Add the controls where the GUI stands."""
-        self.push = self.gui.add_dropdown("Push", (NONE,))
+        self.push = self.gui.add_dropdown("Number", (NONE,))
         self.start = self.gui.add_vector2("Start (m)", (0.0, 0.0), step=0.005)
         self.end = self.gui.add_vector2("End (m)", (0.0, 0.0), step=0.005)
         self.speed = self.gui.add_number("Speed (m/s)", 0.2, step=0.01)
-        self.button("Change push", self._change, "Take over start, end and speed")
-        self.button("Add push", self._add, "Towards the first body that can move; then drag its ends")
-        self.button("Delete push", lambda: self.workbench.delete_push(self.index))
+        self.buttons(
+            "Push",
+            {"Change": self._change, "Add": self._add, "Delete": lambda: self.workbench.delete_push(self.index)},
+            "Take over start, end and speed; add one towards the first body that can move; delete this one",
+        )
         self.on_change(self.push, lambda: None)
         self._shown: Push | None = None
 
