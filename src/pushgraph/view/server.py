@@ -98,15 +98,18 @@ def _own_pages_only(host: str) -> Iterator[None]:
 def _free_port(host: str, wanted: int) -> int:
     if not 1 <= wanted <= 65535:
         raise ViewerError(f"port: must be from 1 to 65535, got {wanted}")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, wanted, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise ViewerError(f"host {host!r}: nothing can listen there: {error.strerror}") from None
     fault = OSError()
     for port in (*range(wanted, min(wanted + PORTS_TRIED, 65536)), 0):
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            with socket.socket(family, kind, protocol) as tried:
-                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                tried.bind(address)
+        with socket.socket(family, kind, protocol) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                tried.bind((address[0], port, *address[2:]))
                 tried.listen()
                 return int(tried.getsockname()[1])
-        except OSError as error:
-            fault = error
+            except OSError as error:
+                fault = error
     raise ViewerError(f"host {host!r}: nothing can listen there: {fault.strerror or fault}")

@@ -97,7 +97,7 @@ class Session:
     def stop(self) -> None:
         """End for good."""
         self.timeline.stop()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._worker.shutdown(wait=True, cancel_futures=True)
         self.server.stop()
 
     def _do(self, action: Action, client: "viser.ClientHandle | None") -> None:
