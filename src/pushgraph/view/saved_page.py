@@ -15,7 +15,7 @@ from pushgraph.scene import Scene
 from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
-from pushgraph.view.legend import legend
+from pushgraph.view.legend import facts, legend
 
 REST = 1.5
 """So long the last frame is seen before it begins anew (s)."""
@@ -24,9 +24,9 @@ LONGEST = 3600.0
 _RULES = "default-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:"
 """What the page may load: only what is in it."""
 _STYLE = """
-#pushgraph{position:fixed;top:0.75em;left:0.75em;z-index:5;max-width:20em;padding:0.6em 0.9em;border-radius:0.4em;
+#pushgraph{position:fixed;bottom:4em;left:0.75em;z-index:5;max-width:20em;padding:0.6em 0.9em;border-radius:0.4em;
 font:14px/1.45 system-ui,sans-serif;background:#ffffffe6;color:#222;box-shadow:0 0 1em #0003}
-#pushgraph summary{cursor:pointer;font-weight:600}
+#pushgraph summary{cursor:pointer;font-weight:600}#pushgraph details{max-height:14em;overflow:auto}
 @media (prefers-color-scheme:dark){#pushgraph{background:#222222e6;color:#eee}}
 """
 _HINT = "Space plays and rests. Drag turns the view, right-drag moves it, the wheel zooms."
@@ -58,7 +58,7 @@ def save_page(
         drawing.show_belief(history)
         drawing.show_arm(trajectory)
         page = recorded(server, drawing)
-        text = legend(drawing)
+        text = legend(drawing) + _known(drawing)
     finally:
         server.stop()
     with replacing(path) as temporary:
@@ -78,6 +78,12 @@ def recorded(server: viser.ViserServer, drawing: SceneDrawing) -> str:
     if len(times) > 1:
         recording.insert_sleep(REST)
     return recording.as_html()
+
+
+def _known(drawing: SceneDrawing) -> str:
+    if drawing.scene is None:
+        return ""
+    return f"<details><summary>Masses and frictions</summary>{facts(drawing.scene, drawing.history)}</details>"
 
 
 def _explained(page: str, title: str, text: str) -> str:

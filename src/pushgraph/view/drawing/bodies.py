@@ -1,6 +1,6 @@
 """Bodies with their heights, names and joints."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -14,7 +14,10 @@ from pushgraph.view.drawing.layer import Layer, Movers
 from pushgraph.view.drawing.solids import Solid, box, outline_of, prism
 
 GHOST_OPACITY = 0.3
-HEADING = (110, 110, 110)
+GHOST_SIZE = 0.996
+"""Ghosts are so much smaller that they vanish in bodies that are where they are."""
+MOST_SHADOWS = 20
+"""More bodies cast none: every shadow is drawn several times over."""
 
 
 class DrawnBody(NamedTuple):
@@ -79,27 +82,35 @@ class Bodies:
         api, bodies = self._layer.api, drawn_bodies(scene)
         self.drawn = bodies
         self._movers = Movers([api.add_frame(self.frame_of(body.name), show_axes=False) for body in bodies])
-        self.solids = {body.name: self._solid(body) for body in bodies}
         if self._ghost:
+            self.solids = {body.name: self._add_ghost(body) for body in bodies}
             return
-        for body in bodies:
-            if body.front:
-                tick = np.array([[[share * body.front, 0, body.middle[2] + 1e-3] for share in (0.65, 0.95)]])
-                api.add_line_segments(f"{self.frame_of(body.name)}/front", tick, HEADING, thickness=0.004)
-        names.add_names(api, self.frame_of, scene, bodies, view)
+        shadow = len(bodies) <= MOST_SHADOWS
+        poles = names.poles_of(scene, bodies, view)
+        self.solids = {body.name: self._add(body, pole, shadow) for body, pole in zip(bodies, poles, strict=True)}
+        for body, (_, end) in zip(bodies, poles.tolist(), strict=True):
+            names.add_label(api, f"{self.frame_of(body.name)}/name", body.name, tuple(end), view)
         if isinstance(scene, Scene):
             for index, joint in enumerate(scene.joints):
                 joints.add_joint(api, self.frame_of, scene, joint, index)
 
-    def _solid(self, body: DrawnBody) -> viser.MeshHandle:
+    def _add(self, body: DrawnBody, pole: Float[np.ndarray, "2 3"], shadow: bool) -> viser.MeshHandle:
+        top = body.middle[2] + 1e-3
+        front = [[share * body.front, 0.0, top] for share in (0.65, 0.95)]
+        lines = np.concatenate((body.solid.edges, [front, pole]))
+        return self._solid(body, 1.0, lines, EDGE, cast_shadow=shadow)
+
+    def _add_ghost(self, body: DrawnBody) -> viser.MeshHandle:
+        look = {"opacity": GHOST_OPACITY, "cast_shadow": False}
+        return self._solid(body, GHOST_SIZE, body.solid.edges * GHOST_SIZE, darker(body.colour, 0.75), **look)
+
+    def _solid(
+        self, body: DrawnBody, size: float, lines: Float[np.ndarray, "lines 2 3"], colour: Colour, **look: Any
+    ) -> viser.MeshHandle:
         api, node = self._layer.api, self.frame_of(body.name)
-        colour, vertices, faces = body.colour, body.solid.vertices, body.solid.faces
-        look = {"opacity": GHOST_OPACITY, "cast_shadow": False} if self._ghost else {}
-        edge = darker(colour, 0.75) if self._ghost else EDGE
-        api.add_line_segments(f"{node}/edges", body.solid.edges, edge, thickness=1.3, thickness_units="screen")
-        return api.add_mesh_simple(
-            f"{node}/solid", vertices, faces, color=colour, flat_shading=True, side="double", **look
-        )
+        api.add_line_segments(f"{node}/lines", lines, colour, thickness=1.3, thickness_units="screen")
+        shown = {"color": body.colour, "flat_shading": True, "side": "double", **look}
+        return api.add_mesh_simple(f"{node}/solid", body.solid.vertices * size, body.solid.faces, **shown)
 
 
 def _looks(scene: Scene | LeverScene) -> tuple:

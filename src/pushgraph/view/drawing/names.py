@@ -1,6 +1,6 @@
 """Names above bodies, each so high that none hides another."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,7 +10,6 @@ from jaxtyping import Float
 from pushgraph import pose_3d
 from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import Scene
-from pushgraph.view.drawing.colours import EDGE
 from pushgraph.view.drawing.placing import start_of
 
 if TYPE_CHECKING:
@@ -33,27 +32,30 @@ class View(NamedTuple):
     letters: float
 
 
-def add_names(
-    api: viser.SceneApi,
-    node_of: Callable[[str], str],
-    scene: Scene | LeverScene,
-    bodies: Sequence["DrawnBody"],
-    view: View,
-) -> None:
-    """A name over each body, which it carries along; a thin pole leads to those that stand higher."""
-    middles = np.array([body.middle for body in bodies])
+def poles_of(scene: Scene | LeverScene, bodies: Sequence["DrawnBody"], view: View) -> Float[np.ndarray, "bodies 2 3"]:
+    """Where on each body a pole stands, and where it ends, at the body's name; in the body's frame (m)."""
+    feet = np.array([body.middle for body in bodies])
     poses = start_of(scene)[1:]
     if isinstance(scene, LeverScene):
-        middles = _on_rims(scene, middles, poses, view)
-    places = pose_3d.transform(poses, middles + [0, 0, GAP])
+        feet = _on_rims(scene, feet, poses, view)
+    places = pose_3d.transform(poses, feet + [0, 0, GAP])
     heights = heights_of(places, [len(body.name) for body in bodies], view)
-    for body, (x, y, top), height in zip(bodies, middles.tolist(), heights.tolist(), strict=True):
-        at, node = (x, y, top + GAP + height), node_of(body.name)
-        size = {"font_size_mode": "scene", "font_scene_height": view.letters}
-        api.add_label(f"{node}/name", body.name, position=at, anchor="bottom-center", **size)
-        if height:
-            pole = np.array([[[x, y, top], at]])
-            api.add_line_segments(f"{node}/pole", pole, EDGE, thickness=1.0, thickness_units="screen")
+    up = np.array([0.0, 0.0, 1.0])
+    return np.stack((feet, feet + (GAP + heights[:, None]) * up), 1)
+
+
+def add_label(
+    api: viser.SceneApi, node: str, text: str, place: tuple[float, float, float], view: View, size: float = 1.0
+) -> None:
+    """A label that stands on a point of its parent's frame (m), so many lines of the view's text high."""
+    api.add_label(
+        node,
+        text,
+        position=place,
+        anchor="bottom-center",
+        font_size_mode="scene",
+        font_scene_height=size * view.letters,
+    )
 
 
 def _on_rims(

@@ -22,8 +22,11 @@ ARM_HEIGHT = 0.9
 """Of an arm at work above its base (m)."""
 FIELD = np.radians(40)
 """Of view, from lower to upper rim."""
-LETTERS = 40
-"""So many lines of text are as high as what is seen."""
+LETTERS = (40, 75)
+"""So many lines of text are as high as what is seen: smaller than the first where bodies are small, but never smaller
+than the second."""
+BODY_LETTERS = 0.35
+"""Height of a line of text, over the usual breadth of a body."""
 
 
 class DrawnTable:
@@ -85,7 +88,8 @@ def view_of(scene: Scene | LeverScene) -> View:
     if isinstance(scene, LeverScene):
         board, tool = scene.bodies[scene.board].position, scene.path[0].position
         return _seen(low, high, np.arctan2(tool[1] - board[1], tool[0] - board[0]) - np.pi / 3, LOW)
-    return _seen(low, high, -np.pi / 2, ELEVATION)
+    breadth = 2 * float(np.median([body.shape.reach for body in scene.bodies]))
+    return _seen(low, high, -np.pi / 2, ELEVATION, breadth)
 
 
 def view_of_arm(scene: Scene, arm: Arm) -> View:
@@ -96,10 +100,13 @@ def view_of_arm(scene: Scene, arm: Arm) -> View:
     return _seen(np.minimum(low, base), np.maximum(high, base + [0, 0, ARM_HEIGHT]), yaw + np.radians(50), LOW)
 
 
-def _seen(low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], azimuth: float, elevation: float) -> View:
-    """Of a box, from a direction (rad) and from above (rad)."""
+def _seen(
+    low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], azimuth: float, elevation: float, breadth: float = np.inf
+) -> View:
+    """Of a box, from a direction (rad) and from above (rad). breadth: of a usual body (m)."""
     middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 + 0.05
     level = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
     position = middle + NEARER * reach / np.tan(FIELD / 2) * np.array([*level, np.sin(elevation)])
     target, eye = (tuple(point.round(3).tolist()) for point in (middle, position))
-    return View(target, eye, round(2 * NEARER * reach / LETTERS, 4))
+    largest, smallest = (2 * NEARER * reach / count for count in LETTERS)
+    return View(target, eye, round(max(smallest, min(largest, BODY_LETTERS * breadth)), 4))

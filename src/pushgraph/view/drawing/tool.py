@@ -11,7 +11,7 @@ from pushgraph.scene import Scene
 from pushgraph.tool import Push
 from pushgraph.view.drawing.colours import EDGE, PUSH, TOOL
 from pushgraph.view.drawing.layer import Layer, Movers
-from pushgraph.view.drawing.names import GAP, View
+from pushgraph.view.drawing.names import GAP, View, add_label
 from pushgraph.view.drawing.solids import box, outline_of, prism
 
 SHAFT, HEAD = 0.004, 0.011
@@ -97,6 +97,4 @@ class DrawnPushes:
             place = next((at for at in numbers if np.hypot(*np.subtract(at, start)[:2]) < SAME), tuple(start.tolist()))
             numbers.setdefault(place, []).append(index + 1)
         for index, (place, those) in enumerate(numbers.items()):
-            size = {"font_size_mode": "scene", "font_scene_height": view.letters}
-            text = ", ".join(map(str, those))
-            api.add_label(f"{node}/number_{index}", text, position=place, anchor="bottom-center", **size)
+            add_label(api, f"{node}/number_{index}", ", ".join(map(str, those)), place, view)

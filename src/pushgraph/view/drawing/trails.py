@@ -37,11 +37,12 @@ class Trails:
             positions[..., 2] = HEIGHT
             positions[~track.seen] = np.nan
             positions[~track.down, 0] = np.nan
-        for index, colour in enumerate(colours):
-            legs = thinned(positions[:, index])
-            if len(legs):
-                node = f"{self._layer.node}/{index}"
-                self._layer.api.add_line_segments(node, legs, colour, thickness=2.0, thickness_units="screen")
+        legs = [thinned(positions[:, index]) for index in range(len(colours))]
+        every = np.concatenate(legs)
+        if len(every):
+            shades = np.repeat(np.array(colours, dtype=np.uint8), [len(some) for some in legs], axis=0)
+            look = {"colors": np.repeat(shades[:, None], 2, axis=1), "thickness": 2.0, "thickness_units": "screen"}
+            self._layer.api.add_line_segments(f"{self._layer.node}/lines", every, **look)
 
 
 def thinned(positions: Float[np.ndarray, "frames 3"], step: float = STEP) -> Float[np.ndarray, "legs 2 3"]:
