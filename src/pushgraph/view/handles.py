@@ -23,7 +23,7 @@ class Handles:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self._knobs: dict[str, Any] = {}
+        self.knobs: dict[str, Any] = {}
         self._bodies: dict[str, Any] = {}
         session.refreshers.append(self.refresh)
 
@@ -40,12 +40,12 @@ class Handles:
                 wanted[f"push/{index}/end"] = (x, y)
             if work.goal is not None:
                 wanted["goal"] = work.goal.position
-        for name in [name for name in self._knobs if name not in wanted]:
-            self._knobs.pop(name).remove()
+        for name in [name for name in self.knobs if name not in wanted]:
+            self.knobs.pop(name).remove()
         for name, (x, y) in wanted.items():
-            if name not in self._knobs:
-                self._knobs[name] = self._new_knob(name)
-            self._knobs[name].position = (x, y, height)
+            if name not in self.knobs:
+                self.knobs[name] = self._new_knob(name)
+            self.knobs[name].position = (x, y, height)
         self._hold_bodies(isinstance(work.scene, Scene))
 
     def _new_knob(self, name: str) -> Any:
@@ -69,8 +69,8 @@ class Handles:
         return knob
 
     def _move(self, name: str, point: Float[np.ndarray, "2"], preview: Callable[[np.ndarray], None]) -> None:
-        if name in self._knobs:  # it may have been deleted by another browser meanwhile
-            self._knobs[name].position = (*point.tolist(), float(self._knobs[name].position[2]))
+        if name in self.knobs:  # it may have been deleted by another browser meanwhile
+            self.knobs[name].position = (*point.tolist(), float(self.knobs[name].position[2]))
             self.session.server.flush()
             preview(point)
 
