@@ -20,6 +20,18 @@ SWITCHES = (
     "--enable-unsafe-swiftshader",
 )
 NAMES = ("chromium", "chromium-browser", "google-chrome")
+AS_A_CARD = """
+const asked = WebGL2RenderingContext.prototype.getParameter;
+WebGL2RenderingContext.prototype.getParameter = function (name) {
+  return name === 0x9246 ? "a graphics card" : asked.call(this, name);
+};
+"""
+"""viser warns of graphics drawn in software, which is what a test has: the warning would cover the page."""
+WITHOUT_DRAWING = """
+for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"])
+  WebGL2RenderingContext.prototype[name] = () => { window.drawn = (window.drawn || 0) + 1; };
+"""
+"""Leaves out what a graphics card does: what remains is the page's own work. `window.drawn` counts it."""
 PATIENCE = 60_000
 """Milliseconds: software graphics are slow on a busy machine."""
 
@@ -49,11 +61,16 @@ def browser() -> Iterator[object]:
 
 
 @contextmanager
-def opened(chromium: object, address: str | Path, size: tuple[int, int] = (900, 640), **context) -> Iterator[Opened]:
-    """Open a server's address, or a file with the network cut off."""
+def opened(
+    chromium: object, address: str | Path, size: tuple[int, int] = (900, 640), *, drawing: bool = True, **context
+) -> Iterator[Opened]:
+    """Open a server's address, or a file with the network cut off. drawing: False to leave out the graphics."""
     offline = isinstance(address, Path)
     url = address.resolve().as_uri() if offline else address
     with_context = chromium.new_context(viewport={"width": size[0], "height": size[1]}, offline=offline, **context)
+    with_context.add_init_script(AS_A_CARD)
+    if not drawing:
+        with_context.add_init_script(WITHOUT_DRAWING)
     page = with_context.new_page()
     page.set_default_timeout(PATIENCE)
     seen = Opened(page)

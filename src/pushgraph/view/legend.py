@@ -7,7 +7,7 @@ from pushgraph.belief_history import BeliefHistory
 from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION, Scene
 from pushgraph.view.drawing import SceneDrawing
-from pushgraph.view.drawing.colours import FORCE, GOAL, JOINTS, PUSH, SPREAD, Colour
+from pushgraph.view.drawing.colours import BODIES, FORCE, GOAL, JOINTS, PUSH, SPREAD, Colour, darker
 from pushgraph.view.drawing.placing import frame_at
 
 MOST_BODIES = 40
@@ -26,8 +26,12 @@ def legend(drawing: SceneDrawing) -> str:
         rows += [(JOINTS[kind], html.escape(MARKS[kind][2:]), MARKS[kind][0]) for kind in kinds]
         if scene.pushes:
             rows.append((PUSH, "pushes, by number; the tool comes down at the foot", "➔"))
+    if drawing.track is not None or drawing.outcome is not None:
+        rows.append((darker(BODIES[1]), "lines on the table: the ways that bodies and tool go", "~"))
+    if drawing.outcome is not None:
+        rows.append((darker(BODIES[1]), "translucent: where bodies end", "▢"))
     if drawing.ghost is not None:
-        rows.append(((150, 150, 150), "translucent: the other track", "▢"))
+        rows.append((darker(BODIES[1]), "translucent, moving: the other track", "▢"))
     if drawing.shows_spread:
         rows.append((SPREAD, "holds the true position with 68 and 95 %", "●"))
     if drawing.newtons:

@@ -42,8 +42,14 @@ def start_server(host: str = LOCAL, port: int = PORT) -> "viser.ViserServer":
     free = _free_port(host, port)
     with _own_pages_only(host), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of addresses
         server = Server(host, free, label="pushgraph", verbose=False)
-    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    set_dark(server, False)
+    server.gui.main_panel.dock_right()
     return server
+
+
+def set_dark(server: "viser.ViserServer", dark: bool) -> None:
+    """Make the page dark or light."""
+    server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
 
 
 def is_local(host: str) -> bool:

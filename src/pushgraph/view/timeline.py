@@ -26,13 +26,11 @@ class Timeline:
         gui: viser.GuiApi,
         drawing: SceneDrawing,
         lock: RLock,
-        on_frame: Callable[[int], None] | None = None,
     ) -> None:
-        """gui: `viser.ViserServer.gui`; it gets a folder for the controls. lock: held while it draws.
-
-        on_frame: told each new frame.
-        """
-        self._gui, self._drawing, self._lock, self._on_frame = gui, drawing, lock, on_frame
+        """gui: `viser.ViserServer.gui`; it gets a folder for the controls. lock: held while it draws."""
+        self._gui, self._drawing, self._lock = gui, drawing, lock
+        self.on_frame: Callable[[int], None] = lambda frame: None
+        """Told each new frame."""
         self._time = 0.0
         self._moving, self._ended = threading.Event(), threading.Event()
         self._folder = gui.add_folder("Time")
@@ -133,8 +131,8 @@ class Timeline:
         self._time = min(max(moment, float(times[0])), float(times[-1]))
         before = self._drawing.frame
         self._drawing.set_time(self._time)
-        if self._on_frame is not None and self._drawing.frame != before:
-            self._on_frame(self._drawing.frame)
+        if self._drawing.frame != before:
+            self.on_frame(self._drawing.frame)
 
     def _follow(self) -> None:
         if self._slider is not None:

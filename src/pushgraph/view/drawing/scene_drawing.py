@@ -63,6 +63,7 @@ class SceneDrawing:
         self.ghost: Track | LeverTrack | None = None
         self.history: BeliefHistory | None = None
         self.goal: Goal | None = None
+        self.outcome: Track | None = None
         self._view: View | None = None
         self._frame = 0
 
@@ -120,6 +121,7 @@ class SceneDrawing:
         What a dragged push is predicted to do is shown with this.
         """
         with self._server.atomic():
+            self.outcome = track
             if track is None:
                 self._outcome.clear()
                 self._outcome_trails.clear()

@@ -16,7 +16,7 @@ from pushgraph.view.drawing.solids import box
 THICKNESS = 0.02
 LINES = 0.1
 ELEVATION, LOW = np.radians(52), np.radians(28)
-NEARER = 0.85
+NEARER = 0.92
 """What is seen from above is not as high as it is wide."""
 ARM_HEIGHT = 0.9
 """Of an arm at work above its base (m)."""

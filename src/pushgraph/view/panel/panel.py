@@ -5,6 +5,7 @@ from pushgraph.view.panel.bodies import BodyControls
 from pushgraph.view.panel.files import FileControls
 from pushgraph.view.panel.goals import GoalControls
 from pushgraph.view.panel.joints import JointControls
+from pushgraph.view.panel.legend import LegendControls
 from pushgraph.view.panel.pushes import PushControls
 from pushgraph.view.panel.tracks import DeedControls, TrackControls
 from pushgraph.view.session import Session
@@ -26,4 +27,5 @@ def add_panel(session: Session) -> dict[type, object]:
         with tabs.add_tab(label):
             for controls in classes:
                 made[controls] = controls(session)
+    made[LegendControls] = LegendControls(session)
     return made
