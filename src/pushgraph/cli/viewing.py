@@ -48,6 +48,9 @@ def view(
 
     `pushgraph view predicted/track.h5 --save page.html`
     """
+    from pushgraph.view import check_installed
+
+    check_installed()
     from pushgraph.view.page import Page, open_shown, open_track, with_prediction
 
     opened = open_shown(shown, scene)

@@ -15,12 +15,13 @@ from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack
 from pushgraph.scene import Scene
 from pushgraph.track import Track
+from pushgraph.view import LOCAL, PORT
 from pushgraph.view.folder import Folder
 from pushgraph.view.handles import Handles
 from pushgraph.view.keyboard import add_keys
 from pushgraph.view.opening import Opened, open_file
 from pushgraph.view.panel import add_panel
-from pushgraph.view.server import LOCAL, PORT, is_local, start_server
+from pushgraph.view.server import is_local, start_server
 from pushgraph.view.session import Session
 from pushgraph.view.workbench import PREDICTED, Workbench
 
@@ -87,21 +88,15 @@ class Page:
         return f'<iframe src="{self.url}" width="100%" height="640" style="border:0"></iframe>'
 
 
-def view(
-    shown: Opened | str | os.PathLike = "demo",
-    compare: Track | LeverTrack | None = None,
-    folder: str | os.PathLike = ".",
-    host: str = LOCAL,
-    port: int = PORT,
-    wait: bool | None = None,
+def open_page(
+    shown: Opened | str | os.PathLike,
+    compare: Track | LeverTrack | None,
+    folder: str | os.PathLike,
+    host: str,
+    port: int,
+    wait: bool | None,
 ) -> Page:
-    """Show a scene, a track, beliefs or a plan in the browser, to try out pushes on it.
-
-    shown: also a file of these, or the name of a shipped scene. compare: another track of the same bodies, shown as
-    ghosts. folder: the only one that the page reads from and writes to. wait: whether to serve until Ctrl-C before
-    returning; by default in scripts, which would else end at once, and not in notebooks and consoles, where the page
-    that is returned shows itself. Raises ViewerError if viser (extra [viewer]) is missing.
-    """
+    """See `pushgraph.view.view`."""
     if isinstance(shown, str | os.PathLike):
         page = Page(open_shown(os.fspath(shown)), compare, folder, host, port, Path(shown).name)
     else:

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from pushgraph.errors import ViewerError
+from pushgraph.view import LOCAL, PORT, check_installed
 
 if TYPE_CHECKING:
     import viser
 
-MISSING = "the browser viewer needs viser: pip install 'pushgraph[viewer]'"
-LOCAL = "127.0.0.1"
-PORT = 8080
 PORTS_TRIED = 32
 """So many ports from the wanted one on are tried; then any."""
 LARGEST_MESSAGE = 4 * 2**20
@@ -29,10 +27,8 @@ def start_server(host: str = LOCAL, port: int = PORT) -> "viser.ViserServer":
 
     Raises ViewerError if viser is missing, or nothing can listen there.
     """
-    try:
-        import viser
-    except ImportError:
-        raise ViewerError(MISSING) from None
+    check_installed()
+    import viser
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> str | None:
