@@ -16,6 +16,7 @@ from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.legend import facts, legend
+from pushgraph.view.server import start_server
 
 REST = 1.5
 """So long the last frame is seen before it begins anew (s)."""
@@ -47,7 +48,7 @@ def save_page(
     compare: a second track, as ghosts. beliefs: links and board beside a track. trajectory: of the scene's arm.
     """
     history = shown if isinstance(shown, BeliefHistory) else beliefs
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    server = start_server()
     try:
         drawing = SceneDrawing(server)
         if isinstance(shown, Track | LeverTrack):

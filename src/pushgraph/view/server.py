@@ -35,6 +35,11 @@ def start_server(host: str = LOCAL, port: int = PORT) -> "viser.ViserServer":
             """Nobody makes this page public: viser would do so for any browser that asks."""
             return None
 
+        def stop(self) -> None:
+            """End, and print nothing."""
+            with contextlib.redirect_stdout(io.StringIO()):
+                super().stop()
+
     free = _free_port(host, port)
     with _own_pages_only(host), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of addresses
         server = Server(host, free, label="pushgraph", verbose=False)

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from threading import RLock
+from typing import Any
 
 import viser
 
@@ -34,7 +35,7 @@ class Timeline:
         self._time = 0.0
         self._moving, self._ended = threading.Event(), threading.Event()
         self._folder = gui.add_folder("Time")
-        self._slider: viser.GuiSliderHandle[float] | None = None
+        self._slider: Any = None  # viser's types say that no value can be set
         with self._folder:
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY_FILLED)
             self._speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1 ×")

@@ -33,7 +33,7 @@ class BeliefLinks:
     def __init__(self, api: viser.SceneApi, node: str) -> None:
         self._layer = Layer(api, node)
         self._rods: viser.BatchedMeshHandle | None = None
-        self._last = np.zeros(0)
+        self._last = self._kinds = np.zeros(0)
 
     def show(self, history: BeliefHistory) -> None:
         """Draw those of a history; they are placed by `at`."""

@@ -10,7 +10,7 @@ from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import Scene
 from pushgraph.view.drawing import joints, names
 from pushgraph.view.drawing.colours import EDGE, Colour, body_colours, darker
-from pushgraph.view.drawing.layer import Layer, Movers
+from pushgraph.view.drawing.layer import Layer, Movers, add_lines, add_solid
 from pushgraph.view.drawing.solids import Solid, box, outline_of, prism
 
 GHOST_OPACITY = 0.3
@@ -97,20 +97,20 @@ class Bodies:
     def _add(self, body: DrawnBody, pole: Float[np.ndarray, "2 3"], shadow: bool) -> viser.MeshHandle:
         top = body.middle[2] + 1e-3
         front = [[share * body.front, 0.0, top] for share in (0.65, 0.95)]
-        lines = np.concatenate((body.solid.edges, [front, pole]))
+        lines = np.concatenate((body.solid.edges, np.array([front]), pole[None]))
         return self._solid(body, 1.0, lines, EDGE, cast_shadow=shadow)
 
     def _add_ghost(self, body: DrawnBody) -> viser.MeshHandle:
-        look = {"opacity": GHOST_OPACITY, "cast_shadow": False}
-        return self._solid(body, GHOST_SIZE, body.solid.edges * GHOST_SIZE, darker(body.colour, 0.75), **look)
+        edges, colour = body.solid.edges * GHOST_SIZE, darker(body.colour, 0.75)
+        return self._solid(body, GHOST_SIZE, edges, colour, opacity=GHOST_OPACITY, cast_shadow=False)
 
     def _solid(
         self, body: DrawnBody, size: float, lines: Float[np.ndarray, "lines 2 3"], colour: Colour, **look: Any
     ) -> viser.MeshHandle:
         api, node = self._layer.api, self.frame_of(body.name)
-        api.add_line_segments(f"{node}/lines", lines, colour, thickness=1.3, thickness_units="screen")
-        shown = {"color": body.colour, "flat_shading": True, "side": "double", **look}
-        return api.add_mesh_simple(f"{node}/solid", body.solid.vertices * size, body.solid.faces, **shown)
+        add_lines(api, f"{node}/lines", lines, colour)
+        solid = body.solid._replace(vertices=body.solid.vertices * size)
+        return add_solid(api, f"{node}/solid", solid, body.colour, **look)
 
 
 def _looks(scene: Scene | LeverScene) -> tuple:

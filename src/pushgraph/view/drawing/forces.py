@@ -5,7 +5,7 @@ import viser
 
 from pushgraph.track import Track
 from pushgraph.view.drawing.colours import FORCE
-from pushgraph.view.drawing.layer import Layer
+from pushgraph.view.drawing.layer import Layer, add_arrow
 from pushgraph.view.drawing.names import GAP
 
 LONGEST = 0.15
@@ -49,6 +49,6 @@ class ForceArrow:
         assert track.wrench is not None
         largest = float(np.nanmax(np.hypot(*track.wrench[:, :2].T), initial=0.0))
         self.newtons, self._track = max(largest, 1e-6) * 0.1 / LONGEST, track
-        size = {"shaft_radius": SHAFT, "head_radius": HEAD, "head_length": 2 * HEAD}
-        points = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]])
-        self._arrow = self._layer.api.add_arrows(f"{self._layer.node}/arrow", points, FORCE, visible=False, **size)
+        ends = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+        self._arrow = add_arrow(self._layer.api, f"{self._layer.node}/arrow", ends, FORCE, SHAFT, HEAD, 2 * HEAD)
+        self._arrow.visible = False

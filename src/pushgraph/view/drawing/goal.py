@@ -6,7 +6,7 @@ import viser
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.scene import Scene
 from pushgraph.view.drawing.colours import GOAL
-from pushgraph.view.drawing.layer import Layer
+from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
 from pushgraph.view.drawing.placing import in_space
 from pushgraph.view.drawing.solids import circle, outline_of, prism
 
@@ -33,7 +33,7 @@ class DrawnGoal:
         place = in_space(np.array([*goal.position, yaw if goal.yaw is None else goal.yaw])).tolist()
         api.add_frame(node, show_axes=False, position=place[:3], wxyz=place[3:])
         solid = prism(outline, 0.001, HEIGHT)
-        api.add_mesh_simple(f"{node}/solid", solid.vertices, solid.faces, color=GOAL, opacity=0.35, cast_shadow=False)
+        add_solid(api, f"{node}/solid", solid, GOAL, opacity=0.35, cast_shadow=False)
         ring = prism(circle(goal.tolerance), HEIGHT, HEIGHT)
         for name, edges in (("edges", solid.edges), ("tolerance", ring.edges)):
-            api.add_line_segments(f"{node}/{name}", edges, GOAL, thickness=3.0, thickness_units="screen")
+            add_lines(api, f"{node}/{name}", edges, GOAL, 3.0)

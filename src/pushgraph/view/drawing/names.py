@@ -1,7 +1,7 @@
 """Names above bodies, each so high that none hides another."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import viser
@@ -45,14 +45,20 @@ def poles_of(scene: Scene | LeverScene, bodies: Sequence["DrawnBody"], view: Vie
 
 
 def add_label(
-    api: viser.SceneApi, node: str, text: str, place: tuple[float, float, float], view: View, size: float = 1.0
+    api: viser.SceneApi,
+    node: str,
+    text: str,
+    place: tuple[float, float, float],
+    view: View,
+    size: float = 1.0,
+    anchor: Literal["bottom-center", "center-right"] = "bottom-center",
 ) -> None:
-    """A label that stands on a point of its parent's frame (m), so many lines of the view's text high."""
+    """A label with its anchor on a point of its parent's frame (m), so many lines of the view's text high."""
     api.add_label(
         node,
         text,
         position=place,
-        anchor="bottom-center",
+        anchor=anchor,
         font_size_mode="scene",
         font_scene_height=size * view.letters,
     )

@@ -7,8 +7,9 @@ from jaxtyping import Float
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.view.drawing.beliefs import KINDS, telling_pairs
 from pushgraph.view.drawing.colours import EDGE, JOINTS
-from pushgraph.view.drawing.layer import Layer
-from pushgraph.view.drawing.names import View
+from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
+from pushgraph.view.drawing.names import View, add_label
+from pushgraph.view.drawing.solids import Solid
 
 MOST_ROWS = 8
 MOST_SAMPLES = 240
@@ -56,29 +57,28 @@ class ProbabilityBoard:
             edges = low + row_height * np.cumsum(history.probabilities[samples, pair], -1)
             edges = np.column_stack((np.full(len(samples), low), edges))
             for kind, name in enumerate(KINDS):
-                vertices, faces = band(x, edges[:, kind], edges[:, kind + 1])
-                style = {"color": JOINTS[name], "side": "double", "cast_shadow": False, "receive_shadow": False}
-                api.add_mesh_simple(f"{node}/{pair}_{name}", vertices, faces, **style)
-            size = {"font_size_mode": "scene", "font_scene_height": 0.8 * view.letters}
+                strip = band(x, edges[:, kind], edges[:, kind + 1])
+                add_solid(api, f"{node}/{pair}_{name}", strip, JOINTS[name], cast_shadow=False, receive_shadow=False)
             text = " – ".join(history.pairs[pair])
             at = (-0.5 * view.letters, low + row_height / 2, 0.0)
-            api.add_label(f"{node}/{pair}_name", text, position=at, anchor="center-right", **size)
+            add_label(api, f"{node}/{pair}_name", text, at, view, 0.8, "center-right")
         self._cursor = api.add_frame(f"{node}/now", show_axes=False)
         now = np.array([[[0.0, -0.4 * line, 0.002], [0.0, len(rows) * line, 0.002]]])
-        api.add_line_segments(f"{node}/now/line", now, CURSOR, thickness=2.5, thickness_units="screen")
+        add_lines(api, f"{node}/now/line", now, CURSOR, 2.5)
         floor = np.array([[[0.0, -0.2 * line, 0.0], [width, -0.2 * line, 0.0]]])
-        api.add_line_segments(f"{node}/floor", floor, EDGE, thickness=1.5, thickness_units="screen")
+        add_lines(api, f"{node}/floor", floor, EDGE)
 
 
 def band(
     x: Float[np.ndarray, " samples"], low: Float[np.ndarray, " samples"], high: Float[np.ndarray, " samples"]
-) -> tuple[Float[np.ndarray, "vertices 3"], np.ndarray]:
+) -> Solid:
     """Triangles between two curves over x."""
     flat = np.zeros(len(x))
     vertices = np.concatenate((np.column_stack((x, low, flat)), np.column_stack((x, high, flat))))
     here = np.arange(len(x) - 1)
     after, above, both = here + 1, here + len(x), here + len(x) + 1
-    return vertices, np.concatenate((np.stack((here, after, both), 1), np.stack((here, both, above), 1)))
+    faces = np.concatenate((np.stack((here, after, both), 1), np.stack((here, both, above), 1)))
+    return Solid(vertices, faces, np.zeros((0, 2, 3)))
 
 
 def _leaning(view: View) -> tuple[float, float, float, float]:

@@ -20,9 +20,9 @@ class Solid(NamedTuple):
     edges: Float[np.ndarray, "edges 2 3"]
 
 
-def circle(radius: float, sides: int = SIDES) -> Float[np.ndarray, "sides 2"]:
-    """Corners of a regular polygon, counter-clockwise."""
-    angles = np.arange(sides) * (2 * np.pi / sides)
+def circle(radius: float, sides: int = SIDES, turn: float = 0.0) -> Float[np.ndarray, "sides 2"]:
+    """Corners of a regular polygon, counter-clockwise from the x axis, or from a share of a turn on."""
+    angles = (np.arange(sides) / sides + turn) * 2 * np.pi
     return radius * np.stack((np.cos(angles), np.sin(angles)), -1)
 
 
@@ -70,8 +70,8 @@ def disc(sides: int = SIDES) -> Solid:
 
 
 def _triangles(outline: Float[np.ndarray, "corners 2"]) -> tuple[np.ndarray, np.ndarray]:
-    pieces = shapely.constrained_delaunay_triangles(shapely.Polygon(outline)).geoms
-    corners = np.concatenate([np.array(piece.exterior.coords)[:3] for piece in pieces])
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(outline)))
+    corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     faces = np.arange(len(corners)).reshape(-1, 3)
     first, second, third = corners.reshape(-1, 3, 2).swapaxes(0, 1)
     (ax, ay), (bx, by) = (second - first).T, (third - first).T

@@ -8,7 +8,7 @@ from pushgraph.arm import Arm
 from pushgraph.lever_scene import LeverScene, corners
 from pushgraph.scene import Scene, Table
 from pushgraph.view.drawing.colours import GRID, TABLE
-from pushgraph.view.drawing.layer import Layer
+from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
 from pushgraph.view.drawing.names import View
 from pushgraph.view.drawing.placing import in_space, start_of
 from pushgraph.view.drawing.solids import box
@@ -50,12 +50,11 @@ class DrawnTable:
         api.add_frame(node, show_axes=False, position=place[:3], wxyz=place[3:])
         x, y = table.size
         top = box((x, y, THICKNESS))
-        at = {"position": (0.0, 0.0, -THICKNESS / 2 - 1e-3)}
-        api.add_mesh_simple(f"{node}/solid", top.vertices, top.faces, color=TABLE, flat_shading=True, **at)
+        add_solid(api, f"{node}/solid", top, TABLE, position=(0.0, 0.0, -THICKNESS / 2 - 1e-3))
         lines = [np.arange(-int(length / 2 / LINES), int(length / 2 / LINES) + 1) * LINES for length in (x, y)]
         along = [[[at, -y / 2], [at, y / 2]] for at in lines[0]] + [[[-x / 2, at], [x / 2, at]] for at in lines[1]]
         flat = np.concatenate((np.array(along), np.zeros((len(along), 2, 1))), -1)
-        api.add_line_segments(f"{node}/grid", flat, GRID, thickness=1.0, thickness_units="screen")
+        add_lines(api, f"{node}/grid", flat, GRID, 1.0)
 
 
 def _under(scene: LeverScene) -> tuple[Table, float]:

@@ -10,7 +10,7 @@ from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import Scene
 from pushgraph.tool import Push
 from pushgraph.view.drawing.colours import EDGE, PUSH, TOOL
-from pushgraph.view.drawing.layer import Layer, Movers
+from pushgraph.view.drawing.layer import Layer, Movers, add_arrow, add_lines, add_solid
 from pushgraph.view.drawing.names import GAP, View, add_label
 from pushgraph.view.drawing.solids import box, outline_of, prism
 
@@ -53,10 +53,8 @@ class DrawnTool:
             places = [[x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)] for x, y, yaw in poses]
         for index, (solid, place) in enumerate(zip(solids, places, strict=True)):
             at = {"position": place[:3], "wxyz": place[3:]}
-            look = {"color": TOOL, "opacity": 0.85, "flat_shading": True, "side": "double"}
-            api.add_mesh_simple(f"{frame}/part_{index}", solid.vertices, solid.faces, **look, **at)
-            line = {"thickness": 1.3, "thickness_units": "screen"}
-            api.add_line_segments(f"{frame}/edges_{index}", solid.edges, EDGE, **line, **at)
+            add_solid(api, f"{frame}/part_{index}", solid, TOOL, opacity=0.85, **at)
+            add_lines(api, f"{frame}/edges_{index}", solid.edges, EDGE, **at)
 
 
 def arrow_height(scene: Scene) -> float:
@@ -89,11 +87,10 @@ class DrawnPushes:
             if len(legs) > 1:
                 api.add_line_segments(f"{node}/path_{index}", legs[:-1], PUSH, thickness=2 * SHAFT)
             head = min(3 * HEAD, 0.5 * float(np.linalg.norm(legs[-1, 1] - legs[-1, 0])))
-            size = {"shaft_radius": SHAFT, "head_radius": HEAD, "head_length": max(head, 1e-3)}
-            api.add_arrows(f"{node}/arrow_{index}", legs[-1:], PUSH, **size)
+            add_arrow(api, f"{node}/arrow_{index}", legs[-1], PUSH, SHAFT, HEAD, max(head, 1e-3))
             start = points[0]
             foot = np.array([[[*start[:2], 0.002], start]])
-            api.add_line_segments(f"{node}/foot_{index}", foot, PUSH, thickness=1.5, thickness_units="screen")
+            add_lines(api, f"{node}/foot_{index}", foot, PUSH)
             place = next((at for at in numbers if np.hypot(*np.subtract(at, start)[:2]) < SAME), tuple(start.tolist()))
             numbers.setdefault(place, []).append(index + 1)
         for index, (place, those) in enumerate(numbers.items()):

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from pushgraph.lever_track import LeverTrack
 from pushgraph.track import Track
 from pushgraph.view.drawing.colours import TOOL, Colour, darker
-from pushgraph.view.drawing.layer import Layer
+from pushgraph.view.drawing.layer import Layer, add_lines
 
 STEP = 0.004
 """A trail has a point so often along its way (m)."""
@@ -41,8 +41,7 @@ class Trails:
         every = np.concatenate(legs)
         if len(every):
             shades = np.repeat(np.array(colours, dtype=np.uint8), [len(some) for some in legs], axis=0)
-            look = {"colors": np.repeat(shades[:, None], 2, axis=1), "thickness": 2.0, "thickness_units": "screen"}
-            self._layer.api.add_line_segments(f"{self._layer.node}/lines", every, **look)
+            add_lines(self._layer.api, f"{self._layer.node}/lines", every, np.repeat(shades[:, None], 2, axis=1), 2.0)
 
 
 def thinned(positions: Float[np.ndarray, "frames 3"], step: float = STEP) -> Float[np.ndarray, "legs 2 3"]:
