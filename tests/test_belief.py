@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from pushgraph import cli, pose
 from pushgraph.belief import BeliefModel, complete, watch_windows
-from pushgraph.belief_history import BeliefHistory
+from pushgraph.belief_history import BeliefHistory, Watching
 from pushgraph.body import Joint
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
 from pushgraph.errors import BeliefError, CheckpointError, TrackError
@@ -649,3 +649,46 @@ def test_the_shipped_belief_tells_a_glued_pair_from_a_loose_one() -> None:
     )
     believed = BeliefHistory.watch(scene, simulate(scene)).likeliest
     assert believed == {("a", "b"): "fixed", ("a", "c"): "none", ("b", "c"): "none"}
+
+
+def test_watching_bit_by_bit_is_watching_at_once() -> None:
+    scene, ours = workshop(), untrained()
+    track = simulate(scene)
+    whole = BeliefHistory.watch(scene, track, ours)
+    watching = Watching(scene, track, ours)
+    watching.until(7)
+    earlier = watching.copied()
+    watching.until(watching.end)
+    assert np.array_equal(watching.history().probabilities, whole.probabilities)
+    assert watching.history().scene == whole.scene
+    assert earlier.done == 7
+    assert np.array_equal(earlier.history().probabilities, whole.probabilities[:7])
+
+
+def test_a_belief_is_corrected_by_hand(tmp_path: Path) -> None:
+    scene = workshop()
+    watching = Watching(scene, simulate(scene), untrained())
+    watching.until(5)
+    for kind in KINDS:
+        watching.correct(("lid", "plate"), kind)
+        history = watching.history()
+        history.save(tmp_path / "beliefs.json")
+        assert BeliefHistory.load(tmp_path / "beliefs.json").likeliest["plate", "lid"] == kind
+        assert [joint.kind for joint in history.scene.joints if {joint.parent, joint.child} == {"plate", "lid"}] == [
+            kind
+        ] * (kind != "none")
+    watching.until(9)
+    assert watching.history().likeliest["plate", "lid"] == KINDS[-1]
+    seen = Watching(scene, simulate(scene), untrained())
+    seen.until(9)
+    watching.correct(("plate", "lid"), None)
+    assert np.array_equal(watching.history().probabilities[-1], seen.history().probabilities[-1])
+    for pair, kind, fault in (
+        (("plate", "nobody"), "fixed", "no pair"),
+        (("plate", "plate"), "fixed", "no pair"),
+        (("plate", "lid"), "ball", "no joint 'ball'"),
+        (("plate", "cup"), "revolute", "never near"),
+        (("cup", "handle"), "none", "the scene says"),
+    ):
+        with pytest.raises(BeliefError, match=fault):
+            watching.correct(pair, kind)

@@ -84,6 +84,7 @@ ORDER = [
     "evaluation",
     "viewer",
     "environment",
+    "view",
     "cli",
 ]
 

@@ -67,6 +67,7 @@ from pushgraph.track import Track as Track
 from pushgraph.training.physics import train_physics as train_physics
 from pushgraph.training.recipe import PhysicsTraining as PhysicsTraining
 from pushgraph.training.run import TrainingRun as TrainingRun
+from pushgraph.view import view as view
 from pushgraph.viewer.animation import save_animation as save_animation
 from pushgraph.viewer.picture import save_comparison as save_comparison
 from pushgraph.viewer.picture import save_picture as save_picture

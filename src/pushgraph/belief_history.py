@@ -1,5 +1,6 @@
 """Beliefs over time, as `pushgraph observe` writes them and `pushgraph predict --beliefs` reads them."""
 
+import copy
 import json
 import math
 import os
@@ -60,24 +61,9 @@ class BeliefHistory:
 
         given, weigh: see `BeliefRegulator`. What the track's force sensor read is taken into account.
         """
-        frames = track.at_frames()
-        regulator = BeliefRegulator(scene, model, given, weigh)
-        readings = [None] * len(frames.times) if frames.wrench is None else frames.wrench
-        probabilities, weighings = [], {}
-        for frame, ((poses, down), wrench) in enumerate(zip(frames.frames(), readings, strict=True)):
-            probabilities.append(regulator.observe(poses, down, wrench))
-            if frame % FRAMES_PER_WEIGHING == 0 or frame == len(frames.times) - 1:
-                weighings[float(frames.times[frame])] = regulator.masses()
-            progress(frame, regulator)
-        return cls(
-            regulator.pairs,
-            frames.times,
-            np.stack(probabilities),
-            frames.gaps,
-            regulator.joints(),
-            regulator.scene(),
-            MassHistory.of(weighings),
-        )
+        watching = Watching(scene, track, model, given, weigh)
+        watching.until(watching.end, progress)
+        return watching.history()
 
     @property
     def likeliest(self) -> dict[tuple[str, str], str]:
@@ -142,6 +128,72 @@ class BeliefHistory:
             told.joints_believed(),
             told.scene,
             told.mass_history(f"{path}: masses"),
+        )
+
+
+class Watching:
+    """A track that is watched bit by bit, brought to frames of 0.05 s; see `BeliefHistory.watch`.
+
+    frames: the track. end: how many frames it has. done: how many were watched.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        track: Track,
+        model: BeliefModel | str = "belief",
+        given: bool = False,
+        weigh: bool = False,
+    ) -> None:
+        self.frames = track.at_frames()
+        self.end = len(self.frames.times)
+        self.done = 0
+        self.regulator = BeliefRegulator(scene, model, given, weigh)
+        self._probabilities: tuple[Float[np.ndarray, "pairs joints"], ...] = ()
+        self._weighings: Mapping[float, list[BelievedMass]] = {}
+
+    def copied(self) -> "Watching":
+        """The same as it is now; what is watched further leaves the original as it is."""
+        other = copy.copy(self)
+        other.regulator = copy.copy(self.regulator)
+        return other
+
+    def until(
+        self, end: int, progress: Callable[[int, BeliefRegulator], None] = lambda frame, regulator: None
+    ) -> None:
+        """Watch the frames from where it stopped up to this one, which it leaves out."""
+        track, end = self.frames, min(end, self.end)
+        probabilities, weighings = [*self._probabilities], dict(self._weighings)
+        for frame in range(self.done, end):
+            poses = np.where(track.seen[frame, :, None], track.poses[frame], np.nan)
+            wrench = None if track.wrench is None else track.wrench[frame]
+            probabilities.append(self.regulator.observe(poses, bool(track.down[frame]), wrench))
+            if frame % FRAMES_PER_WEIGHING == 0 or frame == end - 1:
+                weighings[float(track.times[frame])] = self.regulator.masses()
+            progress(frame, self.regulator)
+        self.done = max(self.done, end)
+        self._probabilities, self._weighings = tuple(probabilities), weighings
+
+    def correct(self, pair: tuple[str, str], kind: str | None) -> None:
+        """See `BeliefRegulator.correct`; the last frame that was watched says so, too."""
+        self.regulator.correct(pair, kind)
+        self._probabilities = (*self._probabilities[:-1], self.regulator.probabilities)
+
+    def history(self) -> BeliefHistory:
+        """What was believed so far."""
+        times = self.frames.times[: self.done]
+        lost = {
+            name: [(first, min(last, float(times[-1]))) for first, last in stretches if first <= times[-1]]
+            for name, stretches in self.frames.gaps.items()
+        }
+        return BeliefHistory(
+            self.regulator.pairs,
+            times,
+            np.stack(self._probabilities),
+            {name: stretches for name, stretches in lost.items() if stretches},
+            self.regulator.joints(),
+            self.regulator.scene(),
+            MassHistory.of(self._weighings),
         )
 
 

@@ -84,6 +84,7 @@ class BeliefRegulator:
         self._ever_seen = np.zeros(len(self._poses), dtype=bool)
         self._yaw_known = np.array([True, *(body.yaw_known for body in scene.bodies)])
         self._watch: Watch | None = None
+        self._corrected: Mapping[int, int] = {}
         self._pushes: PushLearner | None = None
 
     def observe(
@@ -125,7 +126,7 @@ class BeliefRegulator:
                 self._watch = self.model.observe(before, places, tool, is_down, visible, felt)
         self._poses = poses
         self._unseen = np.where(seen, 0, self._unseen + 1)
-        self._ever_seen |= seen
+        self._ever_seen = self._ever_seen | seen
         self.frames += 1
         return self.probabilities
 
@@ -143,11 +144,35 @@ class BeliefRegulator:
             self._pushes = PushLearner(PhysicsPredictor.load().dynamics)
         return self._pushes.observe(self.original, name, start, end, probe)
 
+    def correct(self, pair: tuple[str, str], kind: str | None) -> None:
+        """From now on a pair is known to be joined so: none, fixed, prismatic or revolute; None: as it is seen to be.
+
+        Where the joint sits is still learnt by watching. Raises BeliefError if there is no such pair or joint, or the
+        two were never near each other, so that nothing says where a joint would sit.
+        """
+        row = next((k for k, both in enumerate(self.pairs) if set(both) == set(pair)), None)
+        if row is None:
+            names = ", ".join(self.original.names)
+            raise BeliefError(f"{pair[0]!r} and {pair[1]!r}: no pair of bodies; valid: {names}")
+        if kind is not None and kind not in JOINT_CODES:
+            raise BeliefError(f"{pair[0]!r} and {pair[1]!r}: no joint {kind!r}; valid: {', '.join(JOINT_CODES)}")
+        relations = self._watched.view.state.relations
+        if bool(relations.known[0, row]):
+            raise BeliefError(f"{pair[0]!r} and {pair[1]!r}: the scene says what joins them")
+        if kind not in (None, "none") and not relations.remembered[0, row]:
+            raise BeliefError(
+                f"{pair[0]!r} and {pair[1]!r} were never near each other: nothing says where a joint would sit"
+            )
+        others = {other: code for other, code in self._corrected.items() if other != row}
+        self._corrected = others if kind is None else others | {row: JOINT_CODES[kind]}
+
     @property
     def probabilities(self) -> Float[np.ndarray, "pairs joints"]:
         """Of every joint of every pair, as it is believed now."""
         with single_threaded():
-            everything = self.model.probabilities(self._watched)[0].double().cpu().numpy()
+            everything = self.model.probabilities(self._watched)[0].double().cpu().numpy().copy()
+        for row, code in self._corrected.items():
+            everything[row] = np.arange(len(JOINT_CODES)) == code
         return everything[: len(self.pairs)]
 
     def scene(self) -> Scene:
@@ -159,6 +184,8 @@ class BeliefRegulator:
         view = self._watched.view
         state = view.state
         kind = self.model.probabilities(self._watched).argmax(-1)
+        for row, code in self._corrected.items():
+            kind[0, row] = code
         relations = believe(state, kind, view.fits).relations
         masses = {mass.body: mass.mass[0] for mass in self.masses()}
         poses = parted(self.original, state.poses[0, : len(self.original.bodies)].cpu().numpy())

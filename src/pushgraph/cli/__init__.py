@@ -26,6 +26,7 @@ from pushgraph.cli import (
     recordings,
     scenes,
     training,
+    viewing,
 )
 from pushgraph.cli.output import console
 from pushgraph.errors import AssumptionWarning, PushGraphError
@@ -45,6 +46,7 @@ for command in (
     filming.film,
     data.generate,
     adapting.adapt,
+    viewing.view,
 ):
     app.command()(command)
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from pushgraph import pose_3d
 from pushgraph.arm import Arm
 from pushgraph.scene import Scene
 from pushgraph.simulation.arm_model import ROD_RADIUS, TOOL_SITE, build_arm
@@ -32,15 +33,28 @@ class ArmSurface:
             (np.stack((top[:-1], top[1:], end[1:]), 1), np.stack((top[:-1], end[1:], end[:-1]), 1))
         )
 
-    def at(self, angles: Float[np.ndarray, "6"]) -> Float[np.ndarray, "triangles 3 3"]:
-        """Corners of the triangles in the world (m), z up from the table."""
+    @property
+    def links(self) -> list[Float[np.ndarray, "triangles 3 3"]]:
+        """Corners of the triangles of the rod and of the links, each in its own frame (m)."""
+        return [self._rod, *(mesh for _, mesh in self._meshes)]
+
+    def link_poses(self, angles: Float[np.ndarray, "6"]) -> Float[np.ndarray, "links 7"]:
+        """Their poses in the world, z up from the table."""
         data = self._data
         data.qpos[:] = angles
         mujoco.mj_kinematics(self._model, data)
         flange = int(self._model.site(TOOL_SITE).bodyid[0])
-        placed = [(self._rod, data.xmat[flange], data.xpos[flange])]
-        placed += [(mesh, data.geom_xmat[geom], data.geom_xpos[geom]) for geom, mesh in self._meshes]
-        return np.concatenate([corners @ matrix.reshape(3, 3).T + place for corners, matrix, place in placed])
+        geoms = [geom for geom, _ in self._meshes]
+        positions = np.vstack((data.xpos[flange], data.geom_xpos[geoms]))
+        turns = np.zeros((len(positions), 4))
+        for turn, matrix in zip(turns, (data.xmat[flange], *data.geom_xmat[geoms]), strict=True):
+            mujoco.mju_mat2Quat(turn, matrix)
+        return np.hstack((positions, turns))
+
+    def at(self, angles: Float[np.ndarray, "6"]) -> Float[np.ndarray, "triangles 3 3"]:
+        """Corners of all triangles in the world (m), z up from the table."""
+        placed = zip(self.link_poses(angles), self.links, strict=True)
+        return np.concatenate([pose_3d.transform(link_pose, corners) for link_pose, corners in placed])
 
     @property
     def arm(self) -> Arm:

@@ -1,0 +1,270 @@
+"""One scene in the browser, and what moves in it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pushgraph import pose_3d
+from pushgraph.arm import Arm
+from pushgraph.belief_history import BeliefHistory
+from pushgraph.joint_trajectory import JointTrajectory
+from pushgraph.lever_scene import LeverScene
+from pushgraph.lever_track import LeverTrack
+from pushgraph.planning.goal import Goal
+from pushgraph.scene import Scene
+from pushgraph.track import LIFTED, Track
+from pushgraph.view.drawing.arm import DrawnArm
+from pushgraph.view.drawing.beliefs import BeliefLinks
+from pushgraph.view.drawing.bodies import Bodies
+from pushgraph.view.drawing.forces import ForceArrow
+from pushgraph.view.drawing.goal import DrawnGoal
+from pushgraph.view.drawing.names import View
+from pushgraph.view.drawing.placing import frame_at, placed, start_of
+from pushgraph.view.drawing.probability_board import ProbabilityBoard
+from pushgraph.view.drawing.spread import SpreadEllipses
+from pushgraph.view.drawing.table import FIELD, DrawnTable, extent, view_of, view_of_arm
+from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
+from pushgraph.view.drawing.trails import Trails
+
+
+class SceneDrawing:
+    """Draws into the scene of a viser server: the scene, and on it what else is shown.
+
+    Every `show_...` replaces what it showed before, and with None removes it. What is drawn already and has not changed
+    is neither sent nor computed again, so a moved push costs only its arrow. Not thread-safe: the caller holds a lock.
+    """
+
+    def __init__(self, server: viser.ViserServer, root: str = "/view") -> None:
+        """root: name of the node under which everything is drawn."""
+        api = server.scene
+        self._server = server
+        self._table = DrawnTable(api, f"{root}/table")
+        self._bodies = Bodies(api, f"{root}/bodies")
+        self._tool = DrawnTool(api, f"{root}/tool")
+        self._pushes = DrawnPushes(api, f"{root}/pushes")
+        self._trails = Trails(api, f"{root}/trails")
+        self._spread = SpreadEllipses(api, f"{root}/spread")
+        self._force = ForceArrow(api, f"{root}/force")
+        self._ghosts = Bodies(api, f"{root}/ghosts", ghost=True)
+        self._outcome = Bodies(api, f"{root}/outcome/bodies", ghost=True)
+        self._outcome_trails = Trails(api, f"{root}/outcome/trails")
+        self._outcome_spread = SpreadEllipses(api, f"{root}/outcome/spread")
+        self._links = BeliefLinks(api, f"{root}/links")
+        self._board = ProbabilityBoard(api, f"{root}/probabilities")
+        self._drawn_goal = DrawnGoal(api, f"{root}/goal")
+        self._arm = DrawnArm(api, f"{root}/arm")
+        self._forget()
+
+    def _forget(self) -> None:
+        self.scene: Scene | LeverScene | None = None
+        self.track: Track | LeverTrack | None = None
+        self.ghost: Track | LeverTrack | None = None
+        self.history: BeliefHistory | None = None
+        self.goal: Goal | None = None
+        self.outcome: Track | None = None
+        self._view: View | None = None
+        self._frame = 0
+
+    def show_scene(self, scene: Scene | LeverScene) -> None:
+        """Table, bodies at their poses with names, joints, tool and pushes; the track before is removed.
+
+        So is all else, if it was of other bodies.
+        """
+        with self._server.atomic():
+            if self.scene is None or self.scene.names != scene.names or type(self.scene) is not type(scene):
+                self.clear()
+                self._view = view_of(scene)
+                self._look(self._view)
+            elif self.track is not None:
+                self.show_track(None)
+            self._draw_scene(scene)
+            self._place()
+
+    def move_bodies(self, scene: Scene) -> None:
+        """Bring the bodies to where they are in the scene, which is otherwise the one shown: for what a drag shows."""
+        with self._server.atomic():
+            self._bodies.move(start_of(scene)[1:])
+
+    def show_track(self, track: Track | LeverTrack | None) -> None:
+        """Move bodies and tool as this track, with trails, the force on the tool and the spread, if it has them.
+
+        Shows the track's scene, from its first frame; None: the scene as it starts.
+        """
+        with self._server.atomic():
+            self.track, self._frame = None, 0
+            if track is not None:
+                self.show_scene(track.scene)
+                self._trails.show(track, [body.colour for body in self._bodies.drawn])
+            else:
+                self._trails.clear()
+            self.track = track
+            planar = track if isinstance(track, Track) else None
+            _show_or_clear(self._spread, planar if planar is not None and planar.spread is not None else None)
+            _show_or_clear(self._force, planar if planar is not None and planar.wrench is not None else None)
+            self._place()
+
+    def show_ghost(self, track: Track | LeverTrack | None) -> None:
+        """A second track of the same bodies, as translucent copies that move along at the same times (s)."""
+        with self._server.atomic():
+            self.ghost = track
+            if track is None:
+                self._ghosts.clear()
+            else:
+                self._ghosts.show(track.scene, self._seen_from(track.scene))
+                self._place()
+
+    def show_outcome(self, track: Track | None) -> None:
+        """Where a track ends: translucent copies, trails and ellipses of the spread, whatever the frame.
+
+        What a dragged push is predicted to do is shown with this.
+        """
+        with self._server.atomic():
+            self.outcome = track
+            if track is None:
+                self._outcome.clear()
+                self._outcome_trails.clear()
+            else:
+                self._outcome.show(track.scene, self._seen_from(track.scene))
+                ends = placed(track, len(track.times) - 1)[1:]
+                moved = np.abs(ends - placed(track, 0)[1:]).max(-1) > 1e-4
+                self._outcome.move(np.where(moved[:, None], ends, np.nan))
+                self._outcome_trails.show(track, [body.colour for body in self._outcome.drawn])
+            stated = track if track is not None and track.spread is not None else None
+            _show_or_clear(self._outcome_spread, stated)
+            if stated is not None:
+                self._outcome_spread.at(len(stated.times) - 1)
+
+    def show_belief(self, history: BeliefHistory | None) -> None:
+        """Links between the bodies in the colours of their likeliest joints, and a board of probabilities over time."""
+        with self._server.atomic():
+            self.history = history
+            if history is None:
+                self._links.clear()
+                self._board.clear()
+                return
+            if self.scene is None or self.scene.names != history.scene.names:
+                self.show_scene(history.scene)
+            low, high = extent(self.scene or history.scene)
+            view = self._seen_from(history.scene)
+            self._links.show(history)
+            width = float(high[0] - low[0])
+            self._board.show(history, view, np.array([low[0], high[1] + 3 * view.letters, view.letters]), width)
+            self._place()
+
+    def show_goal(self, goal: Goal | None) -> None:
+        """Where a body of the scene is to go."""
+        self.goal = goal if isinstance(self.scene, Scene) else None
+        if goal is None or not isinstance(self.scene, Scene):
+            self._drawn_goal.clear()
+        else:
+            self._drawn_goal.show(self.scene, goal)
+
+    def show_arm(self, trajectory: JointTrajectory | None) -> None:
+        """The scene's arm, whose joints move as this from the first frame of the track on; None: no arm."""
+        with self._server.atomic():
+            if trajectory is None or not isinstance(self.scene, Scene):
+                self._arm.clear()
+            else:
+                self._arm.show(self.scene, trajectory)
+                self._look(view_of_arm(self.scene, self.scene.arm or Arm()))
+            self._place()
+
+    def set_frame(self, frame: int) -> None:
+        """Show this frame of the track (of the beliefs, if there is no track), from 0 to `len(times) - 1`."""
+        self._frame = min(max(frame, 0), len(self.times) - 1)
+        with self._server.atomic():
+            self._place()
+
+    def set_time(self, time: float) -> None:
+        """Show the last frame that is not later than a time (s)."""
+        self.set_frame(frame_at(self.times, time))
+
+    @property
+    def frame(self) -> int:
+        """The frame shown."""
+        return self._frame
+
+    @property
+    def times(self) -> Float[np.ndarray, " frames"]:
+        """Of the frames (s): those of the track, else of the beliefs, else [0]."""
+        shown = self.track if self.track is not None else self.history
+        return np.zeros(1) if shown is None else shown.times
+
+    @property
+    def push_times(self) -> Mapping[int, float]:
+        """When each push of the track begins (s), by its number from 1 on, as they are drawn."""
+        if not isinstance(self.track, Track):
+            return {}
+        pushes, first = np.unique(self.track.push, return_index=True)
+        begun = zip(pushes.tolist(), self.track.times[first].tolist(), strict=True)
+        return {push + 1: time for push, time in begun if push != LIFTED}
+
+    @property
+    def shows_spread(self) -> bool:
+        """Whether the track, or the outcome, states how far off it may be."""
+        return self._spread.shown or self._outcome_spread.shown
+
+    @property
+    def newtons(self) -> float:
+        """The force whose arrow is 10 cm long; 0 if none was measured."""
+        return self._force.newtons
+
+    @property
+    def body_handles(self) -> Mapping[str, viser.MeshHandle]:
+        """The solid of each body, by name, for `on_click` and `on_drag`; new handles after the bodies were changed."""
+        return self._bodies.solids
+
+    def clear(self) -> None:
+        """Remove everything."""
+        shown = (self._table, self._bodies, self._tool, self._pushes, self._trails, self._spread, self._force)
+        for part in (*shown, self._ghosts, self._links, self._board, self._drawn_goal, self._arm):
+            part.clear()
+        for part in (self._outcome, self._outcome_trails, self._outcome_spread):
+            part.clear()
+        self._forget()
+
+    def _look(self, view: View) -> None:
+        camera = self._server.initial_camera
+        camera.look_at, camera.position, camera.fov = view.target, view.position, FIELD
+
+    def _seen_from(self, scene: Scene | LeverScene) -> View:
+        return self._view or view_of(scene)
+
+    def _draw_scene(self, scene: Scene | LeverScene) -> None:
+        view = self._seen_from(scene)
+        self.scene = scene
+        self._table.show(scene)
+        self._bodies.show(scene, view)
+        self._tool.show(scene)
+        if isinstance(scene, Scene):
+            self._pushes.show(scene, view)
+
+    def _place(self) -> None:
+        """Bring everything to the frame."""
+        if self.scene is None:
+            return
+        time = float(self.times[self._frame])
+        poses = start_of(self.scene) if self.track is None else placed(self.track, self._frame)
+        lift = self._arm.at(time - float(self.times[0]))
+        if lift is not None:
+            poses[0, 2] = lift
+        self._bodies.move(poses[1:])
+        self._tool.move(poses[0])
+        if self.ghost is not None:
+            self._ghosts.move(placed(self.ghost, frame_at(self.ghost.times, time))[1:])
+        self._spread.at(self._frame)
+        self._force.at(self._frame)
+        if self.history is not None:
+            frame = frame_at(self.history.times, time)
+            middles = np.array([body.middle for body in self._bodies.drawn])
+            self._links.at(frame, pose_3d.transform(poses[1:], middles))
+            self._board.at(frame)
+
+
+def _show_or_clear(part: SpreadEllipses | ForceArrow, track: Track | None) -> None:
+    if track is None:
+        part.clear()
+    else:
+        part.show(track)

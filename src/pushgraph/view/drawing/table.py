@@ -1,0 +1,111 @@
+"""The table top with a line every 10 cm, and where a scene is first seen from."""
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pushgraph.arm import Arm
+from pushgraph.lever_scene import LeverScene, corners
+from pushgraph.scene import Scene, Table
+from pushgraph.view.drawing.colours import GRID, TABLE
+from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
+from pushgraph.view.drawing.names import View
+from pushgraph.view.drawing.placing import in_space, start_of
+from pushgraph.view.drawing.solids import box
+
+THICKNESS = 0.02
+LINES = 0.1
+ELEVATION, LOW = np.radians(52), np.radians(28)
+NEARER = 0.92
+"""What is seen from above is not as high as it is wide."""
+ARM_HEIGHT = 0.9
+"""Of an arm at work above its base (m)."""
+FIELD = np.radians(40)
+"""Of view, from lower to upper rim."""
+LETTERS = (40, 75)
+"""So many lines of text are as high as what is seen: smaller than the first where bodies are small, but never smaller
+than the second."""
+BODY_LETTERS = 0.35
+"""Height of a line of text, over the usual breadth of a body."""
+
+
+class DrawnTable:
+    """The table of a scene; one of a lever scene is as large as what lies on it."""
+
+    def __init__(self, api: viser.SceneApi, node: str) -> None:
+        self._layer = Layer(api, node)
+
+    def show(self, scene: Scene | LeverScene) -> None:
+        """Draw it, if it is another than before."""
+        table, height = (scene.table, 0.0) if isinstance(scene, Scene) else _under(scene)
+        self._layer.draw((table, height), lambda: self._draw(table, height))
+
+    def clear(self) -> None:
+        """Remove it."""
+        self._layer.clear()
+
+    def _draw(self, table: Table, height: float) -> None:
+        api, node = self._layer.api, f"{self._layer.node}/top"
+        place = in_space(np.array(table.pose_world_from_table), height).tolist()
+        api.add_frame(node, show_axes=False, position=place[:3], wxyz=place[3:])
+        x, y = table.size
+        top = box((x, y, THICKNESS))
+        add_solid(api, f"{node}/solid", top, TABLE, position=(0.0, 0.0, -THICKNESS / 2 - 1e-3))
+        lines = [np.arange(-int(length / 2 / LINES), int(length / 2 / LINES) + 1) * LINES for length in (x, y)]
+        along = [[[at, -y / 2], [at, y / 2]] for at in lines[0]] + [[[-x / 2, at], [x / 2, at]] for at in lines[1]]
+        flat = np.concatenate((np.array(along), np.zeros((len(along), 2, 1))), -1)
+        add_lines(api, f"{node}/grid", flat, GRID, 1.0)
+
+
+def _under(scene: LeverScene) -> tuple[Table, float]:
+    low, high = extent(scene)
+    size = tuple(np.ceil((high - low)[:2] * 10 + 2) / 10)
+    x, y = ((low + high) / 2)[:2].round(2).tolist()
+    return Table(size=size, pose_world_from_table=(x, y, 0.0)), min(0.0, float(low[2]))
+
+
+def extent(scene: Scene | LeverScene) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lowest and highest coordinates (m) of the bodies and of the pushes' way-points."""
+    if isinstance(scene, LeverScene):
+        places = [corners(body.size, body.pose) for body in scene.bodies]
+        path = scene.tool_poses(np.array([point.time for point in scene.path]))[:, :3]
+        points = np.concatenate((*places, path))
+        return points.min(0), points.max(0)
+    centres = start_of(scene)[1:, :3]
+    reach = np.array([[body.shape.reach, body.shape.reach, 0.0] for body in scene.bodies])
+    tops = centres + [[0.0, 0.0, body.shape.height] for body in scene.bodies]
+    ways = [np.column_stack((push.waypoints[:, :2], np.zeros(len(push.waypoints)))) for push in scene.pushes]
+    points = np.concatenate((centres - reach, tops + reach, *ways))
+    return points.min(0), points.max(0)
+
+
+def view_of(scene: Scene | LeverScene) -> View:
+    """From so far away that all of it is seen: a table from the side of negative y, a lever scene from beside the tool,
+    low enough to see the board rise.
+    """
+    low, high = extent(scene)
+    if isinstance(scene, LeverScene):
+        board, tool = scene.bodies[scene.board].position, scene.path[0].position
+        return _seen(low, high, np.arctan2(tool[1] - board[1], tool[0] - board[0]) - np.pi / 3, LOW)
+    breadth = 2 * float(np.median([body.shape.reach for body in scene.bodies]))
+    return _seen(low, high, -np.pi / 2, ELEVATION, breadth)
+
+
+def view_of_arm(scene: Scene, arm: Arm) -> View:
+    """From the side that the arm's base faces, with the arm in view."""
+    low, high = extent(scene)
+    x, y, yaw = arm.pose_world_from_base
+    base = np.array([x, y, arm.base_height])
+    return _seen(np.minimum(low, base), np.maximum(high, base + [0, 0, ARM_HEIGHT]), yaw + np.radians(50), LOW)
+
+
+def _seen(
+    low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], azimuth: float, elevation: float, breadth: float = np.inf
+) -> View:
+    """Of a box, from a direction (rad) and from above (rad). breadth: of a usual body (m)."""
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 + 0.05
+    level = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    position = middle + NEARER * reach / np.tan(FIELD / 2) * np.array([*level, np.sin(elevation)])
+    target, eye = (tuple(point.round(3).tolist()) for point in (middle, position))
+    largest, smallest = (2 * NEARER * reach / count for count in LETTERS)
+    return View(target, eye, round(max(smallest, min(largest, BODY_LETTERS * breadth)), 4))

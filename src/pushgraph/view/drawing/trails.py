@@ -1,0 +1,62 @@
+"""The ways that bodies and tool went."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pushgraph.lever_track import LeverTrack
+from pushgraph.track import Track
+from pushgraph.view.drawing.colours import TOOL, Colour, darker
+from pushgraph.view.drawing.layer import Layer, add_lines
+
+STEP = 0.004
+"""A trail has a point so often along its way (m)."""
+HEIGHT = 0.003
+"""Above the table (m)."""
+
+
+class Trails:
+    """One line for each node of a track that moves; a body that was lost leaves a gap."""
+
+    def __init__(self, api: viser.SceneApi, node: str) -> None:
+        self._layer = Layer(api, node)
+
+    def show(self, track: Track | LeverTrack, colours: Sequence[Colour]) -> None:
+        """Draw them. colours: of the bodies."""
+        self._layer.draw(track, lambda: self._draw(track, [TOOL, *(darker(colour) for colour in colours)]))
+
+    def clear(self) -> None:
+        """Remove them."""
+        self._layer.clear()
+
+    def _draw(self, track: Track | LeverTrack, colours: Sequence[Colour]) -> None:
+        positions = track.poses[..., :3].copy()
+        if isinstance(track, Track):
+            positions[..., 2] = HEIGHT
+            positions[~track.seen] = np.nan
+            positions[~track.down, 0] = np.nan
+        legs = [thinned(positions[:, index]) for index in range(len(colours))]
+        every = np.concatenate(legs)
+        if len(every):
+            shades = np.repeat(np.array(colours, dtype=np.uint8), [len(some) for some in legs], axis=0)
+            add_lines(self._layer.api, f"{self._layer.node}/lines", every, np.repeat(shades[:, None], 2, axis=1), 2.0)
+
+
+def thinned(positions: Float[np.ndarray, "frames 3"], step: float = STEP) -> Float[np.ndarray, "legs 2 3"]:
+    """Straight legs of a way, with a point for every step (m); none across frames that are NaN."""
+    known = np.isfinite(positions).all(-1)
+    legs = []
+    for piece in np.split(np.arange(len(positions)), np.flatnonzero(known[1:] != known[:-1]) + 1):
+        if not known[piece[0]] or len(piece) < 2:
+            continue
+        way = positions[piece]
+        gone = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=-1))))
+        if gone[-1] < step:
+            continue
+        marks = np.floor(gone / step)
+        kept = np.flatnonzero(np.concatenate(([True], marks[1:] > marks[:-1])))
+        points = way[np.union1d(kept, [len(way) - 1])]
+        legs.append(np.stack((points[:-1], points[1:]), 1))
+    return np.concatenate(legs) if legs else np.zeros((0, 2, 3))

@@ -1,0 +1,291 @@
+"""What people try out on one scene: edits, predictions, simulations, beliefs, plans. It knows no browser."""
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pushgraph.belief_history import BeliefHistory, Watching
+from pushgraph.errors import AssumptionWarning, BeliefError, PlanningError, SceneError
+from pushgraph.lever_physics import LeverPredictor
+from pushgraph.lever_scene import LeverScene
+from pushgraph.lever_track import LeverTrack
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.planning import planner
+from pushgraph.planning.dynamics import learned
+from pushgraph.planning.goal import Goal
+from pushgraph.planning.sampling import Sampling
+from pushgraph.plausibility import assumptions, remarks
+from pushgraph.scene import Scene
+from pushgraph.simulation.lever import simulate_lever
+from pushgraph.simulation.planar import simulate
+from pushgraph.storage import replacing
+from pushgraph.track import Track
+from pushgraph.view import scene_edits
+from pushgraph.view.folder import Folder
+from pushgraph.view.opening import Opened, open_file
+from pushgraph.view.scene_edits import Content
+from pushgraph.view.work import MOST_FRAMES, AnyTrack, Work, alike, check_length, end_of_push, like, work_on
+
+PREDICTED, SIMULATED = "Predicted", "Simulated"
+MOST_UNDONE = 100
+SAVED = {"scene": ".json", "predicted": ".h5", "simulated": ".h5", "beliefs": ".json", "plan": ".json"}
+"""What can be saved, and how the names of such files end."""
+
+
+class Workbench:
+    """The state that all browsers share. What is refused raises a PushGraphError and leaves everything as it was.
+
+    folder: where `save` and `load` find files by name.
+    """
+
+    def __init__(self, shown: Opened, folder: Folder, title: str = "scene", compare: AnyTrack | None = None) -> None:
+        self.folder = folder
+        self._past: list[Work] = []
+        self.work = work_on(shown, title)
+        if compare is not None:
+            self.work = dataclasses.replace(
+                self.work, tracks=dict(self.work.tracks) | {"Compared": like(self.work, compare)}
+            )
+
+    @property
+    def scene(self) -> Scene | LeverScene:
+        """The scene as it is now."""
+        return self.work.scene
+
+    @property
+    def planar(self) -> Scene:
+        """The scene; raises SceneError if it is one in space, which is watched but not edited here."""
+        if isinstance(self.work.scene, LeverScene):
+            raise SceneError("scenes in space are shown, predicted and simulated here, but not edited")
+        return self.work.scene
+
+    # Edits of the scene. What was computed for the scene before is gone; beliefs and goal stay while bodies do.
+
+    def add_body(self, body: Content) -> None:
+        """A body as it stands in a scene file."""
+        self._edit(scene_edits.add_body(self.planar, body))
+
+    def change_body(self, name: str, fields: Content, place: Sequence[float] | None = None) -> None:
+        """Other fields of a body, and another pose."""
+        self._edit(scene_edits.change_body(self.planar, name, fields, place))
+
+    def move_body(self, name: str, point: Sequence[float]) -> None:
+        """Its frame to another place (m), turned as it is."""
+        yaw = 0.0 if name not in self.planar.names else self._pose(name)[2]
+        self._edit(scene_edits.place_body(self.planar, name, [*point, yaw]))
+
+    def turn_body(self, name: str, yaw: float) -> None:
+        """About its origin, to this yaw (rad)."""
+        here = (0.0, 0.0) if name not in self.planar.names else self._pose(name)[:2]
+        self._edit(scene_edits.place_body(self.planar, name, [*here, yaw]))
+
+    def place_body(self, name: str, place: Sequence[float]) -> None:
+        """To a pose x, y (m), yaw (rad)."""
+        self._edit(scene_edits.place_body(self.planar, name, place))
+
+    def delete(self, name: str) -> None:
+        """A body, with its joints."""
+        self._edit(scene_edits.delete_body(self.planar, name))
+
+    def join(self, joint: Content) -> None:
+        """A joint as it stands in a scene file."""
+        self._edit(scene_edits.join(self.planar, joint))
+
+    def part(self, one: str, other: str) -> None:
+        """Take the joint of two bodies away."""
+        self._edit(scene_edits.part(self.planar, one, other))
+
+    def add_push(self, push: Content | None = None) -> None:
+        """A push as it stands in a scene file; by default one towards the first body that can move."""
+        self._edit(scene_edits.add_push(self.planar, push))
+
+    def change_push(self, push: int, fields: Content) -> None:
+        """Other fields of a push, by index."""
+        self._edit(scene_edits.change_push(self.planar, push, fields))
+
+    def move_push_end(self, push: int, end: str, point: Sequence[float]) -> None:
+        """The "start" or the "end" of a push, by index, to another place (m)."""
+        self._edit(scene_edits.move_push_end(self.planar, push, end, point))
+
+    def delete_push(self, push: int) -> None:
+        """A push, by index."""
+        self._edit(scene_edits.delete_push(self.planar, push))
+
+    def set_goal(self, goal: Content | None) -> None:
+        """Where a body shall be, with the fields of a `Goal`; None: nowhere."""
+        wanted = None if goal is None else Goal(**goal)
+        if wanted is not None:
+            wanted.check(self.planar)
+        self._become(goal=wanted, plan=None)
+
+    def undo(self) -> None:
+        """The last change."""
+        if not self._past:
+            raise SceneError("there is nothing to undo")
+        self.work = self._past.pop()
+
+    # What comes of it.
+
+    def foreseen(self, scene: Scene) -> Track:
+        """What a scene's pushes are predicted to do, with the spread; changes nothing."""
+        check_length(scene)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AssumptionWarning)
+            return self._predictor.predict(scene, spread=self._predictor.states_spread)
+
+    def predict(self, believed: bool = False) -> None:
+        """Predict the scene's pushes; believed: with the joints that are believed, as surely as they are."""
+        scene = self.work.scene
+        if isinstance(scene, LeverScene):
+            check_length(scene)
+            self._add_track(PREDICTED, self._lever_predictor.predict(scene))
+        elif not believed:
+            self._add_track(PREDICTED, self.foreseen(scene))
+        else:
+            history = self._history
+            check_length(scene)
+            beliefs = dict(zip(history.pairs, history.probabilities[-1], strict=True))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AssumptionWarning)
+                track = self._predictor.predict(history.apply_to(scene), spread=True, beliefs=beliefs)
+            self._add_track(PREDICTED, dataclasses.replace(track, scene=scene))
+
+    def simulate(self) -> None:
+        """Simulate the scene's pushes in MuJoCo, with nominal values for what it does not say."""
+        scene = self.work.scene
+        check_length(scene)
+        if isinstance(scene, LeverScene):
+            self._add_track(SIMULATED, simulate_lever(scene))
+        else:
+            track = simulate(scene.with_nominal_values())
+            self._add_track(SIMULATED, dataclasses.replace(track, scene=scene))
+
+    def plan(self, pushes: int = 1, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
+        """Choose at most so many pushes that bring the goal's body there; they replace those of the scene."""
+        scene, goal = self.planar, self.work.goal
+        if goal is None:
+            raise PlanningError("there is no goal yet: say which body shall be where")
+        known = scene.replace(pushes=()).with_nominal_values()
+        dynamics = learned(self._predictor, spread=self._predictor.states_spread)
+        sampling = Sampling(pushes=max(1, min(int(pushes), 4)))
+        planned = planner.plan(known, goal, dynamics, sampling=sampling, progress=progress)
+        if not planned.pushes:
+            raise PlanningError(f"no push that was tried brings {goal.body!r} nearer to its goal than it is")
+        told = scene.replace(pushes=planned.pushes)
+        self._become(scene=told, tracks={PREDICTED: self.foreseen(told)}, plan=planned, watching=None)
+
+    # Beliefs.
+
+    def step_belief(self) -> None:
+        """Watch one push more of the track: what was opened, or simulated, or predicted."""
+        scene, watching = self.planar, self.work.watching
+        watching = Watching(scene, self._watched_track()) if watching is None else watching.copied()
+        if watching.done == watching.end:
+            raise BeliefError("the whole track was watched; nothing of it is left")
+        watching.until(end_of_push(watching))
+        self._become(watching=watching, history=watching.history())
+
+    def correct_belief(self, one: str, other: str, kind: str | None) -> None:
+        """Say how two bodies are joined: none, fixed, prismatic or revolute; None: as it was seen."""
+        if self.work.watching is None:
+            raise BeliefError("nothing was watched yet: step the beliefs first")
+        watching = self.work.watching.copied()
+        watching.correct((one, other), kind)
+        self._become(watching=watching, history=watching.history())
+
+    def forget(self) -> None:
+        """Begin to watch anew."""
+        self._become(watching=None, history=None)
+
+    # Files.
+
+    def save(self, what: str, name: str, replace: bool = False) -> Path:
+        """Write scene, predicted, simulated, beliefs or plan, as the file that the command line takes."""
+        if what not in SAVED:
+            raise SceneError(f"save: no {what!r}; valid: {', '.join(SAVED)}")
+        path = self.folder.to_write(name, SAVED[what], replace)
+        self._saver(what)(path)
+        return path
+
+    def load(self, name: str) -> None:
+        """Read a scene, a track, beliefs or a plan; a CSV track is one of this scene."""
+        opened = open_file(self.folder.to_read(name), self.work.scene)
+        if isinstance(opened, BeliefHistory) and isinstance(self.work.scene, Scene):
+            if opened.scene.names == self.work.scene.names:
+                self._become(history=opened, watching=None)
+                return
+        elif isinstance(opened, Track | LeverTrack) and alike(opened.scene, self.work.scene) and self.work.tracks:
+            self._become(tracks=dict(self.work.tracks) | {name: opened}, watching=None)
+            return
+        self._become(**vars(work_on(opened, name)))
+
+    def remarks(self) -> list[str]:
+        """What is assumed of the scene, and what is doubtful about its tracks, a sentence each."""
+        if isinstance(self.work.scene, LeverScene):
+            return []
+        said = assumptions(self.work.scene)
+        for title, track in self.work.tracks.items():
+            if isinstance(track, Track) and len(track.times) <= MOST_FRAMES:
+                said += [f"{title}: {remark}" for remark in remarks(track)]
+        return said
+
+    @cached_property
+    def _predictor(self) -> PhysicsPredictor:
+        return PhysicsPredictor.load()
+
+    @cached_property
+    def _lever_predictor(self) -> LeverPredictor:
+        return LeverPredictor.load()
+
+    @property
+    def _history(self) -> BeliefHistory:
+        if self.work.history is None:
+            raise BeliefError("there are no beliefs yet: step them through a track, or load some")
+        return self.work.history
+
+    def _pose(self, name: str) -> list[float]:
+        return self.planar.poses_world_from_body[self.planar.names.index(name)].tolist()
+
+    def _become(self, **changes: Any) -> None:
+        self._past = [*self._past[1 - MOST_UNDONE :], self.work]
+        self.work = dataclasses.replace(self.work, **changes)
+
+    def _edit(self, scene: Scene) -> None:
+        old = self.work
+        same = scene.names == old.scene.names
+        goal = old.goal if old.goal is not None and old.goal.body in scene.names else None
+        self._become(scene=scene, tracks={}, plan=None, goal=goal, watching=None, history=old.history if same else None)
+
+    def _add_track(self, title: str, track: AnyTrack) -> None:
+        """What follows from the scene is not undone by itself."""
+        self.work = dataclasses.replace(self.work, tracks=dict(self.work.tracks) | {title: track})
+
+    def _watched_track(self) -> Track:
+        opened = [title for title in self.work.tracks if title not in (PREDICTED, SIMULATED)]
+        for title in (*opened, SIMULATED, PREDICTED):
+            track = self.work.tracks.get(title)
+            if isinstance(track, Track):
+                return track
+        raise BeliefError("there is no track to watch: simulate or predict the scene, or load one")
+
+    def _save_scene(self, path: Path) -> None:
+        with replacing(path) as temporary:
+            temporary.write_text(self.work.scene.to_json() + "\n")
+
+    def _saver(self, what: str) -> Callable[[Path], object]:
+        work = self.work
+        if what == "scene":
+            return self._save_scene
+        if what == "beliefs":
+            return self._history.save
+        if what == "plan":
+            if work.plan is None:
+                raise PlanningError("there is no plan of this scene: set a goal and plan")
+            return work.plan.save
+        track = work.tracks.get(what.capitalize())
+        if track is None:
+            raise SceneError(f"the scene was not {what} as it is now")
+        return track.save
