@@ -1,5 +1,6 @@
 """`image`: the paper's baseline, a convolutional network over an image of every body's surroundings."""
 
+import itertools
 import math
 from typing import Any
 
@@ -37,7 +38,7 @@ class ImageDynamics(nn.Module):
         widths = [len(CHANNELS), *(max(8, hidden >> (steps - 1 - k)) for k in range(steps))]
         side = features.PIXELS
         layers: list[nn.Module] = []
-        for before, after in zip(widths[:-1], widths[1:], strict=True):
+        for before, after in itertools.pairwise(widths):
             layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.ReLU()]
             side = -(-side // 2)
         self.convolutions = nn.Sequential(*layers, nn.Flatten())
