@@ -78,6 +78,7 @@ ORDER = [
     "evaluation",
     "viewer",
     "environment",
+    "report",
     "cli",
 ]
 

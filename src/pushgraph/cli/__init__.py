@@ -22,6 +22,7 @@ from pushgraph.cli import (
     filming,
     planning,
     recordings,
+    reporting,
     scenes,
     training,
 )
@@ -43,6 +44,7 @@ for command in (
     filming.film,
     data.generate,
     adapting.adapt,
+    reporting.report,
 ):
     app.command()(command)
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.

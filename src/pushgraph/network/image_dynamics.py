@@ -78,7 +78,7 @@ class ImageDynamics(nn.Module):
         return Advance(motion, torch.ones_like(state.poses[:, 0, 0]))
 
     def _motions(self, seen: Surroundings) -> Float[Tensor, "seen 3"]:
-        precision = self.head[0].weight.dtype
+        precision = next(self.head.parameters()).dtype
         view = self.convolutions(seen.images.to(precision))
         raw = self.head(torch.cat((view, seen.vectors.to(precision)), -1)).float()
         # The last number is whether the body moves at all: most do not, and what does not shall not drift.
