@@ -85,6 +85,7 @@ ORDER = [
     "viewer",
     "environment",
     "view",
+    "report",
     "cli",
 ]
 

@@ -77,6 +77,10 @@ class EvaluationError(PushGraphError):
     """An evaluation cannot be run as asked."""
 
 
+class ReportError(PushGraphError):
+    """A report cannot be made."""
+
+
 class PlanningError(PushGraphError):
     """A goal, a tool or a plan is not possible."""
 

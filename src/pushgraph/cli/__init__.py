@@ -24,6 +24,7 @@ from pushgraph.cli import (
     filming,
     planning,
     recordings,
+    reporting,
     scenes,
     training,
     viewing,
@@ -47,6 +48,7 @@ for command in (
     data.generate,
     adapting.adapt,
     viewing.view,
+    reporting.report,
 ):
     app.command()(command)
 # A goal's yaw follows its --goal, and may be negative: not to be taken for an option.

@@ -7,6 +7,7 @@ difference. So mirror images have mirrored answers and forces of a pair are equa
 """
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pushgraph.graph.contact_features import EDGE_FEATURES, NODE_FEATURES, ContactFeatures, mirrored
@@ -44,6 +45,12 @@ class ContactNetwork(nn.Module):
 
     def forward(self, graph: ContactGraph, features: ContactFeatures) -> Correction:
         """Corrections; latents have the precision of the weights."""
+        return self._correction(graph, features, *self.propagate(features))
+
+    def propagate(
+        self, features: ContactFeatures
+    ) -> tuple[Float[Tensor, "images directed hidden"], Float[Tensor, "images nodes hidden"]]:
+        """Latents of edges and nodes after all messages, of the graph as it is and in a mirror."""
         precision = self.message.weight.dtype
         images = torch.stack((features.edges, mirrored(features.edges))).to(precision)
         edge = self.edge_encoder(images)
@@ -56,7 +63,7 @@ class ContactNetwork(nn.Module):
             hidden = self.message(hidden).relu()
             total = torch.zeros_like(node).index_add(1, features.receiver, (hidden * weight).to(node.dtype))
             node = node + self.node_update(torch.cat((node, total), -1))
-        return self._correction(graph, features, hidden, node)
+        return hidden, node
 
     def _correction(self, graph: ContactGraph, features: ContactFeatures, hidden: Tensor, node: Tensor) -> Correction:
         contacts, nodes = graph.contacts, graph.nodes

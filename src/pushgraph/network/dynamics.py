@@ -25,6 +25,7 @@ from pushgraph.network import contact_problem
 from pushgraph.network.contact_network import ContactNetwork
 from pushgraph.network.contact_problem import FARTHEST, SLIP, ContactProblem
 from pushgraph.network.contract import Advance, Foresight, PhysicsNetwork
+from pushgraph.network.image_dynamics import ImageDynamics
 from pushgraph.network.newton import solve
 from pushgraph.network.propagation import PropagationNetwork
 
@@ -202,5 +203,9 @@ def _schema(features: ModuleType) -> dict[str, Any]:
     }
 
 
-DYNAMICS: dict[str, type[PhysicsNetwork]] = {"propnet": PropnetDynamics, "contact": ContactDynamics}
+DYNAMICS: dict[str, type[PhysicsNetwork]] = {
+    "propnet": PropnetDynamics,
+    "contact": ContactDynamics,
+    "image": ImageDynamics,
+}
 """The predictors by name; see `pushgraph.network.registry`."""

@@ -1,0 +1,1 @@
+"""The report: every experiment run or reused, and written down as one page."""
