@@ -1,7 +1,7 @@
 """How the viewer looks in a real browser: no errors, the time line moves, saved pages replay without network.
 
-With PUSHGRAPH_PICTURES=DIR the pictures of docs/images are written there: `PUSHGRAPH_PICTURES=docs/images pytest -m slow
-tests/test_view_looks.py`.
+With PUSHGRAPH_PICTURES=DIR the pictures of docs/images are written there:
+`PUSHGRAPH_PICTURES=docs/images pytest -m slow tests/test_view_looks.py`.
 """
 
 import os
