@@ -22,7 +22,7 @@ from pushgraph.checkpoint import load_checkpoint
 from pushgraph.dataset.lever_store import LeverColumns, LeverDataset
 from pushgraph.dataset.ragged import Recipe
 from pushgraph.dataset.store import Columns, Dataset
-from pushgraph.errors import DeviceError, TrainingError, TrainingInterrupted
+from pushgraph.errors import DeviceError, MissingExtraError, TrainingError, TrainingInterrupted
 from pushgraph.network.registry import build_network
 from pushgraph.simulation.lever_setup import draw_interaction
 from pushgraph.simulation.planar import simulate
@@ -178,7 +178,7 @@ def test_curves_go_to_tensorboard_if_it_is_there(data, tmp_path: Path, monkeypat
     run = TrainingRun(out=str(tmp_path / "out.safetensors"), tensorboard=True)
     training = PhysicsTraining(**data, **TINY | {"samples": 12})
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
-    with pytest.raises(TrainingError, match=r"tensorboard: is not installed: pip install 'pushgraph\[tensorboard\]'"):
+    with pytest.raises(MissingExtraError, match=r"--tensorboard needs .*: pip install 'pushgraph\[tensorboard\]'"):
         train_physics(training, run)
     written = []
 

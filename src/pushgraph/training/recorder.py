@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pushgraph.errors import TrainingError
+from pushgraph.extras import extra
 from pushgraph.storage import replacing
 from pushgraph.training.configuration import save_configuration
 from pushgraph.training.recipe import Training
@@ -97,8 +97,6 @@ class Recorder:
 
 
 def _summary_writer() -> Any:
-    try:
+    with extra("tensorboard", "--tensorboard"):
         from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        raise TrainingError("tensorboard: is not installed: pip install 'pushgraph[tensorboard]'") from None
     return SummaryWriter

@@ -3,13 +3,12 @@
 `pg.view(scene)` calls this package, which is why it can be called.
 """
 
-import importlib.util
 import os
 import sys
 import types
 from typing import TYPE_CHECKING, Any
 
-from pushgraph.errors import ViewerError
+from pushgraph.extras import extra
 
 if TYPE_CHECKING:
     from pushgraph.lever_track import LeverTrack
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from pushgraph.view.opening import Opened
     from pushgraph.view.page import Page
 
-MISSING = "the browser viewer needs viser: pip install 'pushgraph[viewer]'"
 LOCAL = "127.0.0.1"
 PORT = 8080
 
@@ -36,7 +34,7 @@ def view(
     ghosts. folder: the only one that the page reads from and writes to. host, port: where it is served, the port being
     the first free one from this on. wait: whether to serve until Ctrl-C before returning; by default in scripts, which
     would else end at once, and not in notebooks and consoles, where the page that is returned shows itself.
-    Raises ViewerError if viser (extra [viewer]) is missing.
+    Raises MissingExtraError if viser (extra [viewer]) is missing.
     """
     check_installed()
     from pushgraph.view.page import open_page
@@ -45,9 +43,9 @@ def view(
 
 
 def check_installed() -> None:
-    """Raise ViewerError if viser is missing."""
-    if importlib.util.find_spec("viser") is None:
-        raise ViewerError(MISSING)
+    """Raise MissingExtraError if viser is missing."""
+    with extra("viewer", "the browser viewer"):
+        import viser  # noqa: F401
 
 
 class _CalledAsItsFunction(types.ModuleType):

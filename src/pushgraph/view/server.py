@@ -25,7 +25,7 @@ _LOCAL_NAMES = ("localhost", LOCAL, "::1")
 def start_server(host: str = LOCAL, port: int = PORT) -> "viser.ViserServer":
     """A server with an empty page, on the first free port from `port` on.
 
-    Raises ViewerError if viser is missing, or nothing can listen there.
+    Raises MissingExtraError if viser is missing, ViewerError if nothing can listen there.
     """
     check_installed()
     import viser
