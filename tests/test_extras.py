@@ -23,7 +23,7 @@ sys.meta_path.insert(0, Block())
 """
 OPTIONAL = (
     *("mujoco", "matplotlib", "PIL", "viser", "pushgraph_baselines", "ray", "Box2D", "pymunk", "rosbags", "pyarrow"),
-    *("sklearn", "scipy", "mink", "qpsolvers", "daqp", "gymnasium"),
+    *("sklearn", "scipy", "mink", "qpsolvers", "daqp", "gymnasium", "tensorboard"),
 )
 PREDICTION = """
 import numpy as np
@@ -42,16 +42,18 @@ pg.BeliefRegulator, pg.plan, pg.push_to_goal, pg.LeverPredictor, pg.Dataset, pg.
 """
 PREDICT = "from pushgraph.cli import main; main(['predict', 'demo', '--out', 'predicted'])"
 SIMULATE = "from pushgraph.cli import main; main(['simulate', 'demo'])"
-MISSING = {
-    "sim": "pg.simulate",
-    "viewer": "pg.save_picture",
-    "baselines": "pg.load('propnet')",
-    "gym": "import pushgraph.environment",
-    "cluster": "from pushgraph.dataset.engines import run_on_ray; next(run_on_ray(abs, [1], 1))",
-    "real": "from pushgraph.evaluation.gaussian_baselines import gaussian_ends as f; f(None, None, None, None)",
-    "lerobot": "from pushgraph.recording.readers.lerobot import read_parquet; read_parquet(None, None)",
-    "rosbags": "from pushgraph.recording.readers.bags import read_bag; read_bag(None, None)",
-}
+MISSING = (
+    ("sim", "pg.simulate"),
+    ("viewer", "pg.save_picture"),
+    ("viewer", "pg.view(wait=False)"),
+    ("tensorboard", "from pushgraph.training.recorder import _summary_writer; _summary_writer()"),
+    ("baselines", "pg.load('propnet')"),
+    ("gym", "import pushgraph.environment"),
+    ("cluster", "from pushgraph.dataset.engines import run_on_ray; next(run_on_ray(abs, [1], 1))"),
+    ("real", "from pushgraph.evaluation.gaussian_baselines import gaussian_ends as f; f(None, None, None, None)"),
+    ("lerobot", "from pushgraph.recording.readers.lerobot import read_parquet; read_parquet(None, None)"),
+    ("rosbags", "from pushgraph.recording.readers.bags import read_bag; read_bag(None, None)"),
+)
 
 
 def run_without(absent: tuple[str, ...], code: str, folder: Path) -> subprocess.CompletedProcess:
@@ -72,13 +74,13 @@ def test_prediction_needs_no_extra(tmp_path: Path) -> None:
 def test_every_missing_extra_is_named_and_ends_a_command_with_status_1(tmp_path: Path) -> None:
     tries = [
         f"try:\n    {use}\nexcept MissingExtraError as error:\n    print(error)\nelse:\n    print('there', {use!r})\n"
-        for use in MISSING.values()
+        for _, use in MISSING
     ]
     code = "import pushgraph as pg\nfrom pushgraph.errors import MissingExtraError\n" + "".join(tries)
     done = run_without(OPTIONAL, code + SIMULATE, tmp_path)
     said = done.stdout.splitlines()
     assert said[-1].startswith("Note: nothing is drawn: ")
-    for name, line in zip(MISSING, said[:-1], strict=True):
+    for (name, _), line in zip(MISSING, said[:-1], strict=True):
         assert line.endswith(f": pip install 'pushgraph[{name}]'")
     assert done.stderr.strip() == "Error: simulation needs mujoco: pip install 'pushgraph[sim]'"
     assert done.returncode == 1
