@@ -145,17 +145,21 @@ def test_validations_of_other_numbers_of_bodies_and_frames_add_up(data, tmp_path
     assert both[1].tolist() == [2.0] * 4
     with pytest.raises(TrainingError, match=r"validation: .*both.h5 holds 2 trajectories, which 3 processes cannot"):
         PhysicsTask(training.replace(validation=str(tmp_path / "both.h5")), Processes(0, 3), torch.device("cpu"))
-    # Beliefs, too; where there is no pair, nothing can be measured.
-    training = BeliefTraining(data=data["data"], validation=str(tmp_path / "both.h5"), hidden=8)
-    watcher = build_network("belief", {"hidden": 8}).eval()
+
+
+@pytest.mark.slow
+def test_validations_of_beliefs_may_have_other_numbers_of_bodies_and_frames(data, tmp_path: Path) -> None:
+    trajectories = [shortened(draw_trajectory("planar", 3, 2, 0), 6), draw_trajectory("planar", 5, 2, 1)]
+    validation = write(tmp_path / "both.h5", 2, *trajectories)
+    training = BeliefTraining(data=data["data"], validation=validation, hidden=8, frames=20, batch=1)
+    network = build_network("belief", {"hidden": 8}).eval()
     with torch.no_grad():
-        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(watcher)
+        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(network)
     assert sums.isfinite().all()
     assert weights[0] > 0
     alone = write(tmp_path / "alone.h5", 2, draw_trajectory("multiple-parts", 1, 2, 0))
-    run = TrainingRun(out=str(tmp_path / "out.safetensors"))
     with pytest.raises(TrainingError, match="validation: holds nothing by which surprise can be measured"):
-        train_belief(training.replace(validation=alone, frames=20, batch=1), run)
+        train_belief(training.replace(validation=alone), TrainingRun(out=str(tmp_path / "out.safetensors")))
 
 
 def test_seeds_are_made_of_what_they_are_for() -> None:
@@ -220,7 +224,10 @@ class Rank(Processes):
         return heard[len(said) - 1] if heard else values
 
 
-@pytest.mark.parametrize("name", ["physics", "belief", "masses", "spread", "lever"])
+@pytest.mark.parametrize(
+    "name",
+    ["physics", *(pytest.param(name, marks=pytest.mark.slow) for name in ("belief", "masses", "spread", "lever"))],
+)
 def test_the_mean_gradient_of_shares_is_that_of_the_batch(name: str, data, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(belief, "MASS_FRAMES", 20)
     monkeypatch.setattr(belief, "MASS_VALIDATION", 2)
