@@ -12,6 +12,7 @@ SOURCE = ROOT / "src" / "pushgraph"
 ORDER = [
     "errors",
     "device",
+    "own_modules",
     "written_number",
     "checksum",
     "storage",

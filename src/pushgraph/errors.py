@@ -25,6 +25,14 @@ class SetupError(PushGraphError):
     """A setup is unknown, or cannot be drawn with these numbers."""
 
 
+class OwnModuleError(PushGraphError):
+    """A Python file that shall register something cannot be run."""
+
+
+class ChoiceError(PushGraphError):
+    """There is nothing of the name that a command was given."""
+
+
 class DatasetError(PushGraphError):
     """A dataset cannot be written, continued or read."""
 

@@ -3,12 +3,14 @@
 import importlib.metadata
 import sys
 import warnings
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
+from pushgraph import own_modules
 from pushgraph.cli import (
     adapting,
     comparing,
@@ -65,8 +67,21 @@ def common(
     version: Annotated[
         bool | None, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
     ] = None,
+    own: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--import",
+            help="Python files that register networks and setups of your own; again. They are run.",
+            show_default=f"those in {own_modules.VARIABLE}",
+        ),
+    ] = None,
 ) -> None:
-    """See what a push will do: scenes of pushed objects, simulated, predicted and learned from."""
+    """See what a push will do: scenes of pushed objects, simulated, predicted and learned from.
+
+    Exit status: 0 if all went well, 1 if something cannot be done as asked, 2 if a command or an option is not written
+    as `--help` says, 130 if it was interrupted.
+    """
+    own_modules.use([str(path) for path in own or ()])
 
 
 def main(arguments: list[str] | None = None) -> None:
