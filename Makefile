@@ -11,6 +11,7 @@ PLANAR := --data $(DATA)/planar.h5 --validation $(DATA)/validation.h5 --processe
 PARTS := --data $(DATA)/parts.h5 --validation $(DATA)/validation.h5 --processes 1
 JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 --processes 1
 MASSES := --masses $(DATA)/masses.h5 --masses-validation $(DATA)/masses-validation.h5
+RUNS := $(CACHE)/runs
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
@@ -71,11 +72,11 @@ data: install
 	$(BIN)/pushgraph generate lever-up --drives 64 --seed 900000 --out $(DATA)/lever-up-validation.h5
 
 weights-contact: data
-	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --out $(WEIGHTS)/contact.safetensors
+	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --run-folder $(RUNS)/contact --out $(WEIGHTS)/contact.safetensors
 
 weights-propnet: data
 	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
-	  --hidden 256 --propagation-steps 5 --out $(BASELINES)/propnet.safetensors
+	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors
@@ -84,21 +85,22 @@ weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 2000000 --learning-rate 2e-3 --seed 2 \
 	  --start-from $(CACHE)/belief-2.safetensors --out $(CACHE)/belief-3.safetensors
 	$(BELIEF) $(JOINTED) $(MASSES) --keep-joints --batch 16 --samples 1000000 --learning-rate 6e-3 \
-	  --start-from $(CACHE)/belief-3.safetensors --out $(WEIGHTS)/belief.safetensors
+	  --start-from $(CACHE)/belief-3.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
-	  --precision bfloat16 --out $(BASELINES)/paper_recipe.safetensors
+	  --precision bfloat16 --run-folder $(RUNS)/paper_recipe --out $(BASELINES)/paper_recipe.safetensors
 
 weights-spread: data
 	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
-	  --rollouts 6400 --samples 4000000 --out $(WEIGHTS)/spread.safetensors
+	  --rollouts 6400 --samples 4000000 --run-folder $(RUNS)/spread --out $(WEIGHTS)/spread.safetensors
 
 weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \
-	  --samples 12800 --out $(WEIGHTS)/lever_up.safetensors
+	  --samples 12800 --run-folder $(RUNS)/lever_up --out $(WEIGHTS)/lever_up.safetensors
 	$(BIN)/pushgraph train lever-up --model lever_up_propnet --data $(DATA)/lever-up.h5 --processes 1 \
-	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --out $(BASELINES)/lever_up_propnet.safetensors
+	  --validation $(DATA)/lever-up-validation.h5 --samples 400000 --run-folder $(RUNS)/lever_up_propnet \
+	  --out $(BASELINES)/lever_up_propnet.safetensors
 
 clean:
 	rm -rf $(VENV) demo

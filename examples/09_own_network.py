@@ -66,15 +66,8 @@ def main(count: int = 96, samples: int = 200_000, scenes: int = 8) -> None:
     """Train on a few trajectories of three bodies, and measure on unseen ones."""
     data = pg.generate("multiple-parts", objects=3, count=count, seed=0, out="train.h5")
     validation = pg.generate("multiple-parts", objects=3, count=8, seed=900_000, out="validation.h5")
-    training = pg.PhysicsTraining(
-        model="mlp",
-        data=str(data),
-        validation=str(validation),
-        samples=samples,
-        hidden=64,
-        batch=64,
-        learning_rate=3e-3,
-    )
+    training = pg.PhysicsTraining(model="mlp", data=str(data), validation=str(validation), samples=samples,
+                                  hidden=64, batch=64, learning_rate=3e-3)  # fmt: skip
     pg.train_physics(training, pg.TrainingRun(out="mlp.safetensors"))
     results, _ = evaluate_physics([3], scenes, 1_000_000, {"mlp": "mlp.safetensors", "contact": "contact"})
     for row in results.rows:

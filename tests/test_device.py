@@ -12,6 +12,7 @@ from pushgraph.belief import BeliefModel
 from pushgraph.device import devices, place_of
 from pushgraph.errors import DeviceError, TrainingError
 from pushgraph.graph.broad_phase import reachable
+from pushgraph.graph.lever_batch import start_lever
 from pushgraph.graph.scene_batch import batch_scenes, tensors_of
 from pushgraph.graph.state import start
 from pushgraph.network.dynamics import ContactDynamics
@@ -86,13 +87,27 @@ def test_nothing_is_made_elsewhere_on_the_way(model: str, monkeypatch) -> None:
     with torch.device("meta"):
         if model == "belief":
             everything = torch.ones_like(state.scenes.present)
-            watch = watcher.begin(batch, state.poses, tool[:, 0], down[:, 0], everything)
+            unknown = batch._replace(mass_known=~everything)
+            watch = watcher.begin(unknown, state.poses, tool[:, 0], down[:, 0], everything)
             watch = watcher.observe(watch, state.poses, tool[:, 1], down[:, 1], everything)
             answer = watcher.probabilities(watch)
+            assert watcher.masses(watch).median.isfinite().all()
         else:
             answer = physics.rollout(network, state, tool, down).poses
     assert answer.device.type == "cpu"
     assert answer.isfinite().all()
+
+
+@pytest.mark.parametrize("model", ["lever_up", "lever_up_propnet"])
+def test_nothing_of_boards_is_made_elsewhere_on_the_way(model: str) -> None:
+    scene = draw_interaction(0, 0).track.scene
+    state, tool = start_lever([scene]), torch.from_numpy(lever_physics.tool_knots(scene, 2))[None]
+    network = build_network(model, {"hidden": 8, "steps": 1})
+    state = state._replace(pose=state.pose.requires_grad_())  # so that nothing compiled is called
+    with torch.device("meta"):
+        boards = lever_physics.rollout_lever(network, state, tool)
+    assert boards.device.type == "cpu"
+    assert boards.isfinite().all()
 
 
 def test_what_is_not_here_is_refused(monkeypatch) -> None:

@@ -75,12 +75,14 @@ def test_what_is_no_setting_is_refused_with_file_and_key(text: str, says: str, t
 
 def test_the_command_needs_what_neither_option_nor_file_gives(data, tmp_path: Path, capsys) -> None:
     path = tmp_path / "config.toml"
+    own = tmp_path / "own.toml"
+    own.write_text('imports = ["not_there.py"]')
     path.write_text(f'data = "{data["data"]}"\nbatch = 0.5\n')
     for arguments, says in (
         (["--data", "x.h5"], "--validation, --out: must be given, or stand in a --config"),
         (["--config", str(path)], "config.toml: batch: Input should be a valid integer, got 0.5"),
         (["--model", "magic", "--out", "x", "--data", data["data"], "--validation", data["data"]], "valid: propnet"),
-        (["--imports", "not_there"], "imports: 'not_there' cannot be imported: ModuleNotFoundError"),
+        (["--config", str(own)], "not_there.py: cannot be imported: it is no Python file"),
         (["--device", "cuda:1", "--processes", "2", "--out", "x", "--data", "x", "--validation", "x"], "one for one"),
     ):
         with pytest.raises(SystemExit) as stop:

@@ -29,6 +29,7 @@ from pushgraph.simulation.planar import simulate
 from pushgraph.simulation.setups import draw_trajectory
 from pushgraph.training import belief, physics, rollouts
 from pushgraph.training.belief import BeliefTask, train_belief
+from pushgraph.training.configuration import read_configuration
 from pushgraph.training.lever import LeverTask
 from pushgraph.training.physics import PhysicsTask, train_physics
 from pushgraph.training.processes import Processes
@@ -145,17 +146,21 @@ def test_validations_of_other_numbers_of_bodies_and_frames_add_up(data, tmp_path
     assert both[1].tolist() == [2.0] * 4
     with pytest.raises(TrainingError, match=r"validation: .*both.h5 holds 2 trajectories, which 3 processes cannot"):
         PhysicsTask(training.replace(validation=str(tmp_path / "both.h5")), Processes(0, 3), torch.device("cpu"))
-    # Beliefs, too; where there is no pair, nothing can be measured.
-    training = BeliefTraining(data=data["data"], validation=str(tmp_path / "both.h5"), hidden=8)
-    watcher = build_network("belief", {"hidden": 8}).eval()
+
+
+@pytest.mark.slow
+def test_validations_of_beliefs_may_have_other_numbers_of_bodies_and_frames(data, tmp_path: Path) -> None:
+    trajectories = [shortened(draw_trajectory("planar", 3, 2, 0), 6), draw_trajectory("planar", 5, 2, 1)]
+    validation = write(tmp_path / "both.h5", 2, *trajectories)
+    training = BeliefTraining(data=data["data"], validation=validation, hidden=8, frames=20, batch=1)
+    network = build_network("belief", {"hidden": 8}).eval()
     with torch.no_grad():
-        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(watcher)
+        sums, weights = BeliefTask(training, Processes(), torch.device("cpu")).validate(network)
     assert sums.isfinite().all()
     assert weights[0] > 0
     alone = write(tmp_path / "alone.h5", 2, draw_trajectory("multiple-parts", 1, 2, 0))
-    run = TrainingRun(out=str(tmp_path / "out.safetensors"))
     with pytest.raises(TrainingError, match="validation: holds nothing by which surprise can be measured"):
-        train_belief(training.replace(validation=alone, frames=20, batch=1), run)
+        train_belief(training.replace(validation=alone), TrainingRun(out=str(tmp_path / "out.safetensors")))
 
 
 def test_seeds_are_made_of_what_they_are_for() -> None:
@@ -220,7 +225,10 @@ class Rank(Processes):
         return heard[len(said) - 1] if heard else values
 
 
-@pytest.mark.parametrize("name", ["physics", "belief", "masses", "spread", "lever"])
+@pytest.mark.parametrize(
+    "name",
+    ["physics", *(pytest.param(name, marks=pytest.mark.slow) for name in ("belief", "masses", "spread", "lever"))],
+)
 def test_the_mean_gradient_of_shares_is_that_of_the_batch(name: str, data, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(belief, "MASS_FRAMES", 20)
     monkeypatch.setattr(belief, "MASS_VALIDATION", 2)
@@ -297,7 +305,7 @@ def test_killed_at_ten_random_moments_it_ends_with_the_same_weights(data, tmp_pa
         said, _ = process.communicate()
         statuses.append(process.returncode)
         reached += map(int, re.findall(r"goes on from step (\d+) of 1500", said))
-        if stopped := re.search(r"[Ss]topped after step (\d+) of 1500; everything is saved .*--config (\S+)", said):
+        if stopped := re.search(r"stopped after step (\d+) of 1500; everything is saved .*--config (\S+)", said):
             assert stopped[2] == str(tmp_path / "pieces.run" / "config.toml")
             reached.append(int(stopped[1]))
         # Before it is imported, Python ends by Ctrl-C in its own way.
@@ -319,13 +327,12 @@ def test_two_processes_train_as_one_does_a_network_of_one_s_own(launcher: str, d
     one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
     # A batch that two cannot share alike.
     settings = {"model": "mlp", "samples": 7 * 20, "batch": 7, "learning_rate": 1e-3}
-    imports = ("--imports", "09_own_network")
-    done = run_in_examples(command(data, one, *imports, **settings))
+    done = run_with_own(command(data, one, **settings))
     assert done.returncode == 0, done.stderr
-    arguments = command(data, two, *imports, **settings | {"processes": 2 if launcher == "own" else 1})
+    arguments = command(data, two, **settings | {"processes": 2 if launcher == "own" else 1})
     if launcher == "torchrun":
         arguments[1:3] = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", "-m", "pushgraph"]
-    done = run_in_examples(arguments)
+    done = run_with_own(arguments)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("done: the weights that validated best") == 1
     example("own_network")
@@ -336,16 +343,18 @@ def test_two_processes_train_as_one_does_a_network_of_one_s_own(launcher: str, d
         assert told == pytest.approx(heard, rel=1e-4)
     for name, values in first.network.state_dict().items():
         torch.testing.assert_close(second.network.state_dict()[name], values, atol=1e-5, rtol=1e-3)
-    config = (tmp_path / "two.run" / "config.toml").read_text()
-    assert 'imports = ["09_own_network"]' in config
-    broken = run_in_examples([*arguments, "--imports", "nowhere"])
-    assert broken.returncode == 1
-    assert "imports: 'nowhere' cannot be imported" in broken.stderr
+    content = read_configuration(tmp_path / "two.run" / "config.toml", PhysicsTraining)
+    assert content["imports"] == [str(OWN_NETWORK)]
+    assert content["processes"] == (2 if launcher == "own" else 1)
 
 
-def run_in_examples(arguments: list[str]) -> subprocess.CompletedProcess:
-    examples = Path(__file__).parents[1] / "examples"
-    return subprocess.run(arguments, capture_output=True, text=True, cwd=examples, env=ENVIRONMENT)
+OWN_NETWORK = Path(__file__).parents[1] / "examples" / "09_own_network.py"
+
+
+def run_with_own(arguments: list[str]) -> subprocess.CompletedProcess:
+    place = arguments.index("train")
+    arguments = [*arguments[:place], "--import", str(OWN_NETWORK), *arguments[place:]]
+    return subprocess.run(arguments, capture_output=True, text=True, env=ENVIRONMENT)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from pushgraph.cli.output import BAR, console
+from pushgraph.cli.output import BAR, INTERRUPTED, console
 
 if TYPE_CHECKING:
     from pushgraph.adaptation.adapted import Adaptation
@@ -53,14 +53,19 @@ def adapt(
         raise typer.BadParameter("give --data with --outlines, or --track", param_hint="--data, --track")
     with Progress(*BAR, console=console) as progress:
         bars = {what: progress.add_task(what, total=None) for what in ("validated", "learnt")}
-        session = adapt_recorded(
-            pushes,
-            source,
-            out,
-            count,
-            contact,
-            lambda what, done, n: progress.update(bars[what], completed=done, total=n),
-        )
+        try:
+            session = adapt_recorded(
+                pushes,
+                source,
+                out,
+                count,
+                contact,
+                lambda what, done, n: progress.update(bars[what], completed=done, total=n),
+            )
+        except KeyboardInterrupt:
+            progress.stop()
+            console.print("Stopped; what was learnt so far is kept, and the same command goes on from there")
+            raise typer.Exit(INTERRUPTED) from None
     console.print(_validation_table(session))
     console.print(_unknowns_table(session.adaptation))
     console.print(f"Written: {out}", soft_wrap=True, markup=False)

@@ -1,8 +1,8 @@
 """Options of a command that come from settings: one for each field, with its bounds and meaning."""
 
 import inspect
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, get_origin
+from collections.abc import Callable, Collection, Mapping
+from typing import Annotated, Any
 
 import typer
 from annotated_types import Ge
@@ -12,11 +12,15 @@ from pushgraph.training.settings import Settings
 
 
 def with_options(
-    command: Callable[..., None], kinds: tuple[type[Settings], ...], more: Mapping[str, Mapping[str, Any]]
+    command: Callable[..., None],
+    kinds: tuple[type[Settings], ...],
+    more: Mapping[str, Mapping[str, Any]],
+    leave_out: Collection[str] = (),
 ) -> Callable[..., None]:
     """The command, of keyword arguments, with an option for every field: None where it is not given.
 
-    more: what else is to be said of the options of some fields, as `typer.Option` takes it.
+    more: what else is to be said of the options of some fields, as `typer.Option` takes it. leave_out: fields
+    that have no option.
     """
 
     def wrapped(**given: Any) -> None:
@@ -32,15 +36,16 @@ def with_options(
         )
         for kind in kinds
         for name, field in kind.model_fields.items()
+        if name not in leave_out
     ]
     wrapped.__signature__ = inspect.Signature([*own, *made])  # type: ignore[attr-defined]  # what typer reads
     return wrapped
 
 
 def _option(field: FieldInfo, more: Mapping[str, Any]) -> Any:
-    kind: Any = list[str] if get_origin(field.annotation) is tuple else field.annotation
-    plain = field.is_required() or field.default is None or field.default is False or field.default == ()
+    plain = field.is_required() or field.default is None or field.default is False
     said: dict[str, Any] = {"help": field.description, "show_default": False if plain else str(field.default)}
     least = [bound.ge for bound in field.metadata if isinstance(bound, Ge)]
     said["min"] = least[0] if least else None
+    kind: Any = field.annotation
     return Annotated[kind | None, typer.Option(**said | dict(more))]

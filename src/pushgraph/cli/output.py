@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 console = Console()
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
 BAR = (
     TextColumn("{task.description}", markup=False),
     BarColumn(),

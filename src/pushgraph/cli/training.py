@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pushgraph import own_modules
 from pushgraph.cli.choices import networks, one_of
 from pushgraph.cli.options import with_options
-from pushgraph.cli.output import console
+from pushgraph.cli.output import INTERRUPTED, console
 from pushgraph.errors import TrainingError, TrainingInterrupted
 from pushgraph.training.recipe import BeliefTraining, LeverTraining, PhysicsTraining, SpreadTraining, Training
 from pushgraph.training.run import TrainingRun
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Train the networks; killed or interrupted, the same command goes on.", no_args_is_help=True)
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
 _Config = Annotated[
     Path | None, typer.Option(help="A run's config.toml: its settings, where no option says otherwise.")
 ]
@@ -36,12 +35,12 @@ def _train_command(recipe: type[Training], module: str, help: str) -> None:
 
     def command(config: _Config = None, **given: Any) -> None:
         from pushgraph.training.configuration import read_configuration
-        from pushgraph.training.processes import default_count, import_modules
+        from pushgraph.training.processes import default_count
 
         settings = {} if config is None else read_configuration(config, recipe)
         settings |= {name: value for name, value in given.items() if value is not None}
-        settings["imports"] = tuple(settings.get("imports", ()))
-        import_modules(settings["imports"])
+        own_modules.use(settings.get("imports", ()))  # beside those of pushgraph --import
+        settings["imports"] = own_modules.used()
         settings.setdefault("processes", default_count(settings.get("device", "cpu")))
         fields = recipe.model_fields | TrainingRun.model_fields
         if missing := [f"--{name}" for name, one in fields.items() if one.is_required() and name not in settings]:
@@ -55,9 +54,8 @@ def _train_command(recipe: type[Training], module: str, help: str) -> None:
     more: dict[str, dict[str, Any]] = {
         "model": model,
         "processes": {"show_default": "one a core, or one a GPU"},
-        "imports": {"metavar": "MODULE"},
     }
-    app.command(recipe.TASK, help=help)(with_options(command, (recipe, TrainingRun), more))
+    app.command(recipe.TASK, help=help)(with_options(command, (recipe, TrainingRun), more, leave_out=("imports",)))
 
 
 _train_command(
@@ -120,8 +118,7 @@ def _conduct(training: Training, train: "Callable[..., Progress | None]", run: T
     report = TrainingReport(training)
     try:
         now = train(training, run, report.tell, report.say)
-    except TrainingInterrupted as interrupted:
-        report.say(str(interrupted).capitalize())
+    except TrainingInterrupted:  # how to go on was said
         raise typer.Exit(INTERRUPTED) from None
     except KeyboardInterrupt:
         report.say("Stopped between two savings: the same command goes on from the last one, or begins anew")

@@ -57,7 +57,7 @@ def validation_table(now: "running.Progress") -> Table:
     names = [name for name in now.curve[0] if name not in ("step", "seconds", "loss")]
     table = Table(title="Validation")
     for name in ("step", "time (s)", "loss", *names):
-        table.add_column(name, justify="right")
+        table.add_column(name.replace("_", " "), justify="right")
     for row in now.curve:
         best = " *" if row.get(names[0]) == now.best else ""
         numbers = [f"{row[name]:.3f}" if name in row else "-" for name in names]

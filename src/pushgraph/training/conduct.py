@@ -9,6 +9,7 @@ from typing import Any, TypeVar, overload
 
 import torch
 
+from pushgraph import own_modules
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pushgraph.cores import usable_cores
 from pushgraph.dataset.ragged import RaggedFile
@@ -19,7 +20,7 @@ from pushgraph.network.registry import build_network
 from pushgraph.simulation.setups import FIRST_TEST_SEED
 from pushgraph.storage import check_replaceable
 from pushgraph.training.loop import Schedule, Task, train
-from pushgraph.training.processes import Processes, import_modules, run_in_processes, started_by_torchrun
+from pushgraph.training.processes import Processes, run_in_processes, started_by_torchrun
 from pushgraph.training.recipe import Training
 from pushgraph.training.recorder import CONFIG, Recorder
 from pushgraph.training.run import TrainingRun
@@ -51,12 +52,12 @@ def conduct(
 
     Under torchrun every process calls this; all but the leading one return None.
     """
+    own_modules.use(run.imports)
     check_replaceable(run.out)
     device_of(run.device)
     arguments = (training, make_task, run, tell, say, finish)
     if run.processes > 1 and not started_by_torchrun():
-        return run_in_processes(run.processes, run.imports, _conduct, *arguments)
-    import_modules(run.imports)
+        return run_in_processes(run.processes, _conduct, *arguments)
     return _conduct(Processes.of_torchrun(), "env://", *arguments)
 
 

@@ -97,7 +97,7 @@ def train(
     spent = now.seconds
     learning: nn.Module = _Step(network, task)
     if processes.count > 1:
-        learning = DistributedDataParallel(learning, broadcast_buffers=False, find_unused_parameters=True)
+        learning = DistributedDataParallel(learning, find_unused_parameters=True)
     if not now.curve:
         with torch.no_grad():
             first_loss = float(processes.mean(task.loss(network, 0).double()))

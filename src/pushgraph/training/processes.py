@@ -4,7 +4,6 @@ Either torchrun starts them, or `run_in_processes`, which needs no more than tor
 """
 
 import contextlib
-import importlib
 import os
 import signal
 import sys
@@ -17,6 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor, distributed, multiprocessing
 
+from pushgraph import own_modules
 from pushgraph.cores import usable_cores
 from pushgraph.device import device_of, gpus
 from pushgraph.errors import DeviceError, PushGraphError, TrainingError, TrainingInterrupted
@@ -89,27 +89,17 @@ def default_count(device: str) -> int:
     return max(1, gpus()) if device == "cuda" else 1 if device.startswith("cuda") else usable_cores()
 
 
-def import_modules(names: tuple[str, ...]) -> None:
-    """Import modules by name, from the working directory, too; raises TrainingError if one cannot be."""
-    for name in names:
-        if os.getcwd() not in sys.path:
-            sys.path.insert(0, os.getcwd())
-        try:
-            importlib.import_module(name)
-        except Exception as error:
-            raise TrainingError(f"imports: {name!r} cannot be imported: {type(error).__name__}: {error}") from error
-
-
-def run_in_processes(count: int, imports: tuple[str, ...], work: Callable[..., Any], *arguments: Any) -> Any:
+def run_in_processes(count: int, work: Callable[..., Any], *arguments: Any) -> Any:
     """Call `work(processes, meeting, *arguments)` in so many new processes; what the first of them returns.
 
     Ctrl-C is passed on to them, once; a second one ends them. If one fails the others are ended, and its error is
     raised if it is one of ours.
     """
+    os.environ.setdefault("TORCH_CPP_LOG_LEVEL", "ERROR")  # it warns of what some networks need and others do not
     answers = multiprocessing.get_context("spawn").SimpleQueue()
     with tempfile.TemporaryDirectory() as folder:
         meeting = (Path(folder) / "meeting").as_uri()
-        started = multiprocessing.spawn(_work, (count, meeting, imports, answers, work, arguments), count, join=False)
+        started = multiprocessing.spawn(_work, (count, meeting, answers, work, arguments), count, join=False)
         interrupts = 0
         while True:
             try:
@@ -137,7 +127,6 @@ def _work(
     rank: int,
     count: int,
     meeting: str,
-    imports: tuple[str, ...],
     answers: Any,
     work: Callable[..., Any],
     arguments: tuple[Any, ...],
@@ -145,7 +134,7 @@ def _work(
     if gpus() == 0:
         torch.set_num_threads(1)  # cores are shared out already
     try:
-        import_modules(imports)
+        own_modules.use()
         answer = work(Processes(rank, count, rank), meeting, *arguments)
     except TrainingInterrupted as interrupted:  # all of them stop; none is to be ended
         answer = interrupted

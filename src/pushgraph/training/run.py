@@ -25,7 +25,7 @@ class TrainingRun(Settings):
     tensorboard: bool = False
     """Write curves for TensorBoard into the run folder, too."""
     imports: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """A module to import first, such as one that registers a network of your own."""
+    """Python files of your own that are run first, such as one that registers a network; see `pushgraph --import`."""
 
     def model_post_init(self, _: object) -> None:
         """Raise TrainingError if settings do not fit each other."""
