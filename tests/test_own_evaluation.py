@@ -14,7 +14,7 @@ from pushgraph.checkpoint import shipped
 from pushgraph.cli import main
 from pushgraph.errors import EvaluationError, OwnModuleError
 from pushgraph.evaluation import kept, physics
-from pushgraph.evaluation.blocks import numbers_in
+from pushgraph.evaluation.blocks import numbers_of
 from pushgraph.evaluation.coupled import evaluate_coupled
 from pushgraph.evaluation.figures import save_histogram
 from pushgraph.evaluation.masses import evaluate_masses
@@ -130,7 +130,9 @@ def test_suites_that_cannot_use_data_say_why(suite: str, says: str, own: Path, c
 
 def test_data_that_does_not_serve_is_refused_in_words(own: Path, tmp_path: Path) -> None:
     with pytest.raises(EvaluationError, match=r"own\.h5: no trajectory of 3 objects; valid: 1, 4"):
-        numbers_in(own, [3])
+        numbers_of([3], own)
+    with pytest.raises(EvaluationError, match="objects: this suite needs 2 in a scene at least, got 1"):
+        evaluate_masses([1], 1, SEED, {})
     alone = pg.Scene(bodies=(body("cup", 0, 0, mass=None),), pushes=(pg.Push(start=(-0.2, 0), end=(-0.1, 0)),))
     light = pg.write_dataset([pg.load().predict(alone)], tmp_path / "light.h5")
     with pytest.raises(EvaluationError, match="no trajectory of 2 objects or more, which this suite needs"):
