@@ -17,12 +17,16 @@ def use(files: Sequence[str] = ()) -> None:
 
     Raises OwnModuleError if one cannot be read, or fails.
     """
-    named = [file for file in os.environ.get(VARIABLE, "").split(os.pathsep) if file]
-    chosen = list(dict.fromkeys(str(Path(file).absolute()) for file in (*named, *files)))
+    chosen = list(dict.fromkeys(str(Path(file).absolute()) for file in (*used(), *files)))
     for file in chosen:
         _run(Path(file))
     if chosen:
         os.environ[VARIABLE] = os.pathsep.join(chosen)
+
+
+def used() -> tuple[str, ...]:
+    """The files that the environment names."""
+    return tuple(file for file in os.environ.get(VARIABLE, "").split(os.pathsep) if file)
 
 
 def _run(file: Path) -> None:
