@@ -131,12 +131,13 @@ def test_importing_pushgraph_is_quick_and_every_public_name_exists() -> None:
 def test_scenes_and_the_command_s_help_need_no_torch_and_take_less_than_a_second() -> None:
     load = f"import pushgraph as pg; pg.Scene.load({str(SOURCE / 'scenes' / 'demo.json')!r}); pg.Track"
     of_help = "import pushgraph.cli; sys.argv = ['pushgraph', '--help']; pushgraph.cli.main()"
-    begin = "import atexit, sys, time; t = time.time(); "
-    end = "atexit.register(lambda: print('torch' in sys.modules, time.time() - t)); "
+    # The time of the processor: other tests may run beside this one.
+    end = "import atexit, sys, time; atexit.register(lambda: print('torch' in sys.modules, time.process_time())); "
     for code in (load, of_help):
-        command = [sys.executable, "-c", begin + end + code]
-        tries = (subprocess.run(command, capture_output=True, text=True, check=True).stdout.split() for _ in range(5))
-        assert any((words[-2] == "False") and float(words[-1]) < 1 for words in tries)
+        command = [sys.executable, "-c", end + code]
+        *_, torch, seconds = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+        assert torch == "False"
+        assert float(seconds) < 1
 
 
 def test_every_dependency_is_explained_and_pinned() -> None:

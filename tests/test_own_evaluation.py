@@ -14,7 +14,7 @@ from pushgraph.checkpoint import shipped
 from pushgraph.cli import main
 from pushgraph.errors import EvaluationError, OwnModuleError
 from pushgraph.evaluation import kept, physics
-from pushgraph.evaluation.blocks import numbers_in
+from pushgraph.evaluation.blocks import numbers_of
 from pushgraph.evaluation.coupled import evaluate_coupled
 from pushgraph.evaluation.figures import save_histogram
 from pushgraph.evaluation.masses import evaluate_masses
@@ -72,12 +72,12 @@ def short(monkeypatch) -> None:
 
 def test_several_of_one_s_own_stand_side_by_side_on_own_data(own: Path, tmp_path: Path, capsys, short) -> None:
     contact = str(shipped("contact"))
-    models = ["--model", "contact", "--model", f"mine={contact}", "--model", f"propnet={shipped('propnet')}"]
+    models = ["--model", f"mine={contact}", "--model", "contact", "--model", f"other={contact}"]
     assert run("evaluate", "physics", "--data", str(own), *models, "--workers", "1", "--out", str(tmp_path)) == 0
     told = rows(tmp_path, metric="mean_error_cm", frames=30, density="all", objects=4)
-    assert [row["model"] for row in told] == ["still", "contact", "mine", "propnet", "noise_floor"]
+    assert [row["model"] for row in told] == ["still", "mine", "contact", "other", "noise_floor"]
     values = {row["model"]: row["value"] for row in told}
-    assert values["mine"] == values["contact"] < 0.3 < values["still"]
+    assert values["mine"] == values["contact"] == values["other"] < 0.3 < values["still"]
     assert values["noise_floor"] is not None  # its pushes are known, so the simulator can be asked
     assert {row["objects"] for row in rows(tmp_path)} == {1, 4}
     assert {row["density"] for row in rows(tmp_path)} == {"all"}
@@ -130,7 +130,9 @@ def test_suites_that_cannot_use_data_say_why(suite: str, says: str, own: Path, c
 
 def test_data_that_does_not_serve_is_refused_in_words(own: Path, tmp_path: Path) -> None:
     with pytest.raises(EvaluationError, match=r"own\.h5: no trajectory of 3 objects; valid: 1, 4"):
-        numbers_in(own, [3])
+        numbers_of([3], own)
+    with pytest.raises(EvaluationError, match="objects: this suite needs 2 in a scene at least, got 1"):
+        evaluate_masses([1], 1, SEED, {})
     alone = pg.Scene(bodies=(body("cup", 0, 0, mass=None),), pushes=(pg.Push(start=(-0.2, 0), end=(-0.1, 0)),))
     light = pg.write_dataset([pg.load().predict(alone)], tmp_path / "light.h5")
     with pytest.raises(EvaluationError, match="no trajectory of 2 objects or more, which this suite needs"):

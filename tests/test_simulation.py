@@ -12,6 +12,7 @@ from pushgraph.pose import compose, inverse, relative, transform
 from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid, Cylinder
 from pushgraph.simulation.motion import ToolMotion, plan_tool
+from pushgraph.simulation.own_frame import OwnFrame
 from pushgraph.simulation.planar import PlanarSimulation, simulate
 from pushgraph.simulation.planar_model import TIMESTEP, build
 from pushgraph.tool import Part, Push, Tool
@@ -338,3 +339,14 @@ def test_unknown_values_become_nominal_on_request() -> None:
     assert known.side_friction == 0.25
     assert {b.mass for b in known.bodies} == {0.6}
     simulate(known)
+
+
+def test_a_push_of_whole_frames_has_as_many_in_the_own_frame_of_a_scene() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        x, y, angle = rng.uniform(-1, 1, 3)
+        end = (x + 0.2 * math.cos(angle), y + 0.2 * math.sin(angle))
+        scene = Scene(bodies=(body("cup", *rng.uniform(-0.5, 0.5, 2), yaw=rng.uniform(-3, 3)),))
+        push = Push(start=(x, y), end=end, speed=0.1)
+        seen = OwnFrame(scene).push(push)
+        assert ToolMotion(push, scene.tool).frames == ToolMotion(seen, scene.tool).frames == 46

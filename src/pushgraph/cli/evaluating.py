@@ -11,6 +11,7 @@ from rich.table import Table
 from pushgraph.cli.output import console
 from pushgraph.cli.suites import (
     CORES,
+    DRAWN,
     Belief,
     Contact,
     Count,
@@ -46,7 +47,7 @@ def physics(
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-physics"),
     objects: Objects = None,
-    setup: Setup = "multiple-parts",
+    setup: Setup = DRAWN,
     data: Data = None,
     model: Models = None,
     workers: Workers = CORES,
@@ -78,7 +79,7 @@ def belief(
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-belief"),
     objects: Objects = None,
-    setup: Setup = "multiple-parts",
+    setup: Setup = DRAWN,
     data: Data = None,
     model: Models = None,
     workers: Workers = CORES,

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 Scenes = TypeVar("Scenes")
 
 CORES = usable_cores()
-COUNT = 120
+COUNT, DRAWN = 120, "multiple-parts"
+"""Scenes for each number of objects, and the setup that they are drawn from, unless told otherwise."""
 Count = Annotated[
     int | None,
     typer.Option(min=1, help="Scenes for each number of objects.", show_default=f"{COUNT}, of --data all"),
@@ -92,9 +93,16 @@ def models_of(given: Sequence[str] | None, shipped: Sequence[str], taken: Sequen
 
 
 def numbers_of(
-    objects: Sequence[int] | None, setup: str = "multiple-parts", data: Path | None = None
+    objects: Sequence[int] | None, setup: str = DRAWN, data: Path | None = None
 ) -> tuple[int, ...]:
-    """The numbers of objects that are asked for: of data all that are there, if none is given."""
+    """The numbers of objects that are asked for: of data all that are there, if none is given.
+
+    Raises EvaluationError if scenes shall be drawn and read.
+    """
+    if data is not None and setup != DRAWN:
+        from pushgraph.errors import EvaluationError
+
+        raise EvaluationError(f"--setup {setup}: scenes are either drawn from it, or read from --data")
     if objects or data is not None:
         return tuple(dict.fromkeys(objects or ()))
     from pushgraph.simulation.setups import OBJECTS
@@ -113,14 +121,13 @@ def measure(
     **settings: Any,
 ) -> tuple["Results", Scenes]:
     """Run a suite behind a progress bar; `data` and `settings` are handed on to it."""
-    from pushgraph.evaluation.blocks import numbers_in, scenes_of
+    from pushgraph.evaluation import blocks
 
     count = COUNT if count is None and data is None else count
-    there = numbers
-    if data is not None:
-        there, settings = numbers_in(data, numbers), settings | {"data": data}
+    there = blocks.numbers_of(numbers, data)
+    settings |= {} if data is None else {"data": data}
     with Progress(*BAR, console=console) as progress:
-        task = progress.add_task("scenes", total=sum(scenes_of(there, count, data)))
+        task = progress.add_task("scenes", total=sum(blocks.scenes_of(there, count, data)))
         told = suite(
             numbers, count, seed, models, workers, lambda done: progress.update(task, completed=done), **settings
         )

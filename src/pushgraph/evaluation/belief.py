@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.noise_floor import CAMERA, StartNoise
 from pushgraph.evaluation.recording import Recording, ask, record
 from pushgraph.evaluation.results import Results
@@ -98,7 +98,7 @@ def evaluate_belief(
 
     From data, what its scenes say is joined counts as true.
     """
-    objects = objects if data is None else numbers_in(data, objects, least=2)
+    objects = numbers_of(objects, data, least=2)
     scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, setup, data=data)
     labels = ("objects", "observed_frames", "pairs", "noise", "joint")
     results = Results("belief", origin(setup, count, seed, data), labels)

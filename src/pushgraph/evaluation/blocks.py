@@ -92,11 +92,15 @@ def scenes_of(objects: Sequence[int], count: int | None, data: PathLike | None) 
     return [there[number] if count is None else min(count, there[number]) for number in objects]
 
 
-def numbers_in(data: PathLike, objects: Sequence[int] = (), least: int = 1) -> tuple[int, ...]:
-    """The numbers of objects in the trajectories of a dataset, from `least` on; those that are asked for, if any are.
+def numbers_of(objects: Sequence[int], data: PathLike | None, least: int = 1) -> tuple[int, ...]:
+    """The numbers of objects that a suite measures, which needs `least`: those asked for, of data all if none are.
 
-    Raises EvaluationError if one of these is not there, or none is.
+    Raises EvaluationError if one is too small, or not in the data.
     """
+    if data is None:
+        if min(objects, default=least) < least:
+            raise EvaluationError(f"objects: this suite needs {least} in a scene at least, got {min(objects)}")
+        return tuple(objects)
     with Dataset(data) as dataset:
         there = [number for number in sorted(set(_objects_in(dataset).tolist())) if number >= least]
     missing = [number for number in objects if number not in there]

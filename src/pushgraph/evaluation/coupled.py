@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
 from pushgraph.graph.believed import believe
@@ -58,7 +58,7 @@ def evaluate_coupled(
 
     models: the checkpoints `contact`, which predicts, and `belief`, which watches.
     """
-    objects = objects if data is None else numbers_in(data, objects, least=2)
+    objects = numbers_of(objects, data, least=2)
     scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, data=data)
     results = Results("coupled", origin(SETUP, count, seed, data), ("objects", "observed_frames"))
     for number in objects:

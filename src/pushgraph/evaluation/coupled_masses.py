@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.coupled import FRAMES, STARTS, CoupledErrors, rollout_errors
 from pushgraph.evaluation.mass_answers import prior_mean
 from pushgraph.evaluation.masses import SETUP, weighed_tracks
@@ -41,7 +41,7 @@ def evaluate_coupled_masses(
 
     models: the checkpoints `contact`, which predicts, and `belief`, which watches. Joints are known.
     """
-    objects = objects if data is None else numbers_in(data, objects, least=2)
+    objects = numbers_of(objects, data, least=2)
     scenes = measure_blocks(predict_block, objects, count, seed, models, workers, progress, SETUP, data=data)
     results = Results("coupled-masses", origin(SETUP, count, seed, data), ("objects", "observed_frames"))
     for number in objects:

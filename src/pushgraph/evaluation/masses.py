@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from pushgraph.belief import BeliefModel
 from pushgraph.errors import EvaluationError
-from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.mass_answers import MassAnswer, MassScores, believed, prior_answer, score
 from pushgraph.evaluation.mass_observers import mean_guess, ratio_observer
 from pushgraph.evaluation.recording import ask, record
@@ -81,7 +81,7 @@ def evaluate_masses(
 
     Data without readings of a force sensor tells what motion tells, and none is moved to a table of other friction.
     """
-    objects = objects if data is None else numbers_in(data, objects, least=2)
+    objects = numbers_of(objects, data, least=2)
     scenes = measure_blocks(answer_block, objects, count, seed, models, workers, progress, SETUP, data=data)
     results = Results("masses", origin(SETUP, count, seed, data), ("objects", "observed_frames", "input", "subset"))
     for number in objects:

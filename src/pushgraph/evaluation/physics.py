@@ -10,7 +10,7 @@ import torch
 
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import EvaluationError
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.metrics import RolloutError
 from pushgraph.evaluation.noise_floor import CAMERA, simulate_again
 from pushgraph.evaluation.results import Results, Statistic
@@ -53,7 +53,7 @@ def evaluate_physics(
 
     From data, the tool goes as it went there.
     """
-    objects = objects if data is None else numbers_in(data, objects)
+    objects = numbers_of(objects, data)
     scenes = measure_blocks(evaluate_block, objects, count, seed, models, workers, progress, setup, data=data)
     results = Results("physics", origin(setup, count, seed, data), ("objects", "frames", "density"))
     densities = DENSITIES if data is None else ("all", *sorted({s.density for s in scenes} & {*DENSITIES}))
@@ -77,7 +77,7 @@ def evaluate_block(block: Block) -> list[SceneErrors]:
         if block.data is None:
             predicted[name] = predictor.predict_many([track.scene for track in tracks], longest)
         else:
-            predicted[name] = predict_along(predictor, tracks, longest)
+            predicted[name] = predict_along(predictor, tracks, longest, name)
     found = []
     for k, trajectory in enumerate(trajectories):
         track = trajectory.track
@@ -96,8 +96,13 @@ def evaluate_block(block: Block) -> list[SceneErrors]:
     return found
 
 
-def predict_along(predictor: PhysicsPredictor, tracks: Sequence[Track], frames: int) -> list[Track]:
-    """Predict the first frames of tracks from where their bodies stand at first, the tool going as it went."""
+def predict_along(
+    predictor: PhysicsPredictor, tracks: Sequence[Track], frames: int, name: str = "the network"
+) -> list[Track]:
+    """Predict the first frames of tracks from where their bodies stand at first, the tool going as it went.
+
+    Raises EvaluationError, which tells the name, if a pose is not finite.
+    """
     lengths = [min(frames, len(track.times)) for track in tracks]
     beyond = [max(lengths) - length for length in lengths]
     some = list(zip(tracks, lengths, beyond, strict=True))
@@ -106,7 +111,7 @@ def predict_along(predictor: PhysicsPredictor, tracks: Sequence[Track], frames: 
     with torch.no_grad(), single_threaded():
         predicted, _ = predictor.rollout(predictor.start([track.scene for track in tracks]), tool, down).numpy()
     if not np.isfinite(predicted).all():
-        raise EvaluationError("a network predicts poses that are not finite")
+        raise EvaluationError(f"{name}: predicts poses that are not finite")
     found = []
     for (track, length, _), bodies in zip(some, predicted, strict=True):
         poses = np.concatenate((track.poses[:length, :1], bodies[:length, : len(track.scene.bodies)]), 1)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pushgraph.belief import BeliefModel
-from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_in, origin
+from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.metrics import MOVED
 from pushgraph.evaluation.recording import Recording, record, watch
 from pushgraph.evaluation.results import Results
@@ -83,7 +83,7 @@ def evaluate_spread(
 
     models: the checkpoints `contact`, which predicts, `spread`, which says how surely, and `belief`, which watches.
     """
-    objects = objects if data is None else numbers_in(data, objects, least=2)
+    objects = numbers_of(objects, data, least=2)
     scenes = measure_blocks(state_block, objects, count, seed, models, workers, progress, data=data)
     names = ("objects", "frames", "density", "joints", "observed_frames", "masses", "bodies")
     results = Results("spread", origin(SETUP, count, seed, data), names)

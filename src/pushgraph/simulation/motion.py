@@ -11,6 +11,9 @@ from pushgraph.track import FRAME, LIFTED
 
 ACCELERATION = 1.0
 """Largest acceleration of the end-effector along its path (m/s^2), that of the paper's arm."""
+SLACK = 1e-5
+"""A push that is longer than a number of frames by less of one has that number: scenes are simulated in a frame of
+their own, where way-points are rounded to 1e-10 m."""
 LIFTED_FRAMES = 2
 """Frames between two pushes with the tool lifted: above the end of the last, then above the start of the next."""
 
@@ -35,7 +38,7 @@ class ToolMotion:
             self.duration = self._profile.duration
             self.speed = self._profile.speed
         """From the start of the push until the tool has come to its end (s)."""
-        self.frames = math.ceil((self.duration + push.rest) / FRAME - 1e-9)
+        self.frames = math.ceil((self.duration + push.rest) / FRAME - SLACK)
         """Frames from the start of the push until the tool lifts."""
 
     def poses(self, times: Float[np.ndarray, " times"]) -> Float[np.ndarray, "times 3"]:
