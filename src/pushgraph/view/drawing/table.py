@@ -18,7 +18,7 @@ LINES = 0.1
 ELEVATION, LOW = np.radians(52), np.radians(28)
 NEARER = 0.92
 """What is seen from above is not as high as it is wide."""
-ARM_HEIGHT = 0.9
+ARM_HEIGHT = 0.5
 """Of an arm at work above its base (m)."""
 FIELD = np.radians(40)
 """Of view, from lower to upper rim."""
