@@ -17,6 +17,7 @@ import msgspec
 import zstandard
 
 from pushgraph import pose, pose_3d
+from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.body import Joint
 from pushgraph.graph.scene_batch import JOINT_CODES
@@ -314,8 +315,6 @@ def test_a_saved_page_holds_every_frame_at_its_time_and_loads_nothing(tmp_path: 
     assert "<summary>&lt;b&gt;A &amp; B&lt;/b&gt;</summary>" in page
     assert "Content-Security-Policy" in page
     assert not re.search(r"""(src|href)=["']?https?:""", page)
-    with pytest.raises(FileNotFoundError):
-        save_page(tmp_path / "missing" / "page.html", scene)
 
 
 def test_polygons_stand_as_they_are(drawing: SceneDrawing) -> None:
@@ -326,3 +325,21 @@ def test_polygons_stand_as_they_are(drawing: SceneDrawing) -> None:
     solid = drawing.body_handles["bracket"]
     top = solid.vertices[np.isclose(solid.vertices[:, 2], 0.10)][:, :2]
     assert {tuple(point) for point in top.astype(float).round(4).tolist()} == set(L_SHAPE)
+
+
+def test_a_scene_that_has_an_arm_shows_it_holding_the_tool(server, drawing: SceneDrawing) -> None:
+    scene = workshop().replace(arm=Arm())
+    track = track_of(scene)
+    drawing.show_track(track)
+    links = [handle for name, handle in server.scene._handle_from_node_name.items() if "/arm/link_" in name]
+    assert len(links) > 6
+    rod = links[0]
+    for frame, lift in ((0, Arm().lift), (6, 0.0)):
+        drawing.set_frame(frame)
+        tip = rod.vertices[rod.vertices[:, 2].argmax()] * [0, 0, 1]
+        placed = pose_3d.transform(np.concatenate((rod.position, rod.wxyz)), tip)
+        np.testing.assert_allclose(placed[:2], track.poses[frame, 0, :2], atol=1e-3)
+        tool = server.scene.get_handle_by_name("/view/tool/frame")
+        assert tool.position[2] == pytest.approx(lift, abs=1e-3)
+    drawing.show_scene(workshop())
+    assert server.scene.get_handle_by_name("/view/arm") is None

@@ -1,14 +1,15 @@
 """One scene in the browser, and what moves in it."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
 from pushgraph import pose_3d
-from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
+from pushgraph.errors import ArmError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack
@@ -24,7 +25,7 @@ from pushgraph.view.drawing.names import View
 from pushgraph.view.drawing.placing import frame_at, placed, start_of
 from pushgraph.view.drawing.probability_board import ProbabilityBoard
 from pushgraph.view.drawing.spread import SpreadEllipses
-from pushgraph.view.drawing.table import FIELD, DrawnTable, extent, view_of, view_of_arm
+from pushgraph.view.drawing.table import FIELD, DrawnTable, view_of
 from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
 
@@ -146,11 +147,8 @@ class SceneDrawing:
                 return
             if self.scene is None or self.scene.names != history.scene.names:
                 self.show_scene(history.scene)
-            low, high = extent(self.scene or history.scene)
-            view = self._seen_from(history.scene)
             self._links.show(history)
-            width = float(high[0] - low[0])
-            self._board.show(history, view, np.array([low[0], high[1] + 3 * view.letters, view.letters]), width)
+            self._board.show(history, self._seen_from(history.scene))
             self._place()
 
     def show_goal(self, goal: Goal | None) -> None:
@@ -162,14 +160,14 @@ class SceneDrawing:
             self._drawn_goal.show(self.scene, goal)
 
     def show_arm(self, trajectory: JointTrajectory | None) -> None:
-        """The scene's arm, whose joints move as this from the first frame of the track on; None: no arm."""
+        """The arm's joints move as this from the first frame of the track on; None: as the tool's poses demand.
+
+        A scene that says which arm holds the tool shows it by itself.
+        """
         with self._server.atomic():
-            if trajectory is None or not isinstance(self.scene, Scene):
-                self._arm.clear()
-            else:
+            if isinstance(self.scene, Scene) and (trajectory is not None or self.scene.arm is not None):
                 self._arm.show(self.scene, trajectory)
-                self._look(view_of_arm(self.scene, self.scene.arm or Arm()))
-            self._place()
+                self._place()
 
     def set_frame(self, frame: int) -> None:
         """Show this frame of the track (of the beliefs, if there is no track), from 0 to `len(times) - 1`."""
@@ -240,6 +238,14 @@ class SceneDrawing:
         self._tool.show(scene)
         if isinstance(scene, Scene):
             self._pushes.show(scene, view)
+            self._show_arm(scene)
+
+    def _show_arm(self, scene: Scene) -> None:
+        if scene.arm is None:
+            self._arm.clear()
+        else:
+            with suppress(ArmError):  # the extra with its meshes is not installed: then the tool is shown alone
+                self._arm.show(scene)
 
     def _place(self) -> None:
         """Bring everything to the frame."""
@@ -247,7 +253,7 @@ class SceneDrawing:
             return
         time = float(self.times[self._frame])
         poses = start_of(self.scene) if self.track is None else placed(self.track, self._frame)
-        lift = self._arm.at(time - float(self.times[0]))
+        lift = self._arm.at(time - float(self.times[0]), poses[0])
         if lift is not None:
             poses[0, 2] = lift
         self._bodies.move(poses[1:])
