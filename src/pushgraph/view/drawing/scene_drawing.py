@@ -74,10 +74,11 @@ class SceneDrawing:
         So is all else, if it was of other bodies.
         """
         with self._server.atomic():
-            if self.scene is None or self.scene.names != scene.names or type(self.scene) is not type(scene):
+            before = self.scene
+            if before is None or before.names != scene.names or type(before) is not type(scene):
                 self.clear()
                 self._view = view_of(scene)
-                self._look(self._view)
+                self._look(self._view, move=before is not None and not set(before.names) & set(scene.names))
             elif self.track is not None:
                 self.show_track(None)
             self._draw_scene(scene)
@@ -223,9 +224,12 @@ class SceneDrawing:
             part.clear()
         self._forget()
 
-    def _look(self, view: View) -> None:
+    def _look(self, view: View, move: bool) -> None:
+        """From where pages that open see it, and those that are open, too, if they shall move."""
         camera = self._server.initial_camera
         camera.look_at, camera.position, camera.fov = view.target, view.position, FIELD
+        for client in self._server.get_clients().values() if move else ():
+            client.camera.position, client.camera.look_at = view.position, view.target
 
     def _seen_from(self, scene: Scene | LeverScene) -> View:
         return self._view or view_of(scene)
