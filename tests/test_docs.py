@@ -62,6 +62,14 @@ def check_output(command: str, out: Path) -> None:
         assert (out / "histogram.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_the_viewer_s_manual_runs_as_printed(tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="the extra [viewer] is not installed")
+    for command in re.findall(r"^\$ (pushgraph .*)$", (ROOT / "docs" / "view.md").read_text(), re.M):
+        run(command.split(), tmp_path)
+    assert (tmp_path / "page.html").stat().st_size < 1.5e6
+
+
 def test_the_readme_s_make_targets_and_links_exist() -> None:
     targets = re.findall(r"^    make (\w+)", README, re.M)
     assert targets == ["demo", "test"]

@@ -3,6 +3,8 @@
 import base64
 import itertools
 import re
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ import msgspec
 import zstandard
 
 from pushgraph import pose, pose_3d
+from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.body import Joint
 from pushgraph.graph.scene_batch import JOINT_CODES
@@ -35,6 +38,7 @@ from pushgraph.view.drawing.trails import thinned
 from pushgraph.view.legend import facts, legend
 from pushgraph.view.saved_page import save_page
 from pushgraph.view.server import start_server
+from pushgraph.view.timeline import SPEEDS, Timeline
 
 L_SHAPE = ((0.0, 0.0), (0.2, 0.0), (0.2, 0.05), (0.05, 0.05), (0.05, 0.3), (0.0, 0.3))
 
@@ -201,6 +205,32 @@ def test_nothing_is_left_of_what_was_removed(server) -> None:
     assert left <= {"/view", "/view/outcome"}
 
 
+def test_it_plays_at_true_speed_and_steps(server, drawing: SceneDrawing) -> None:
+    drawing.show_track(track_of(workshop(), 100))
+    timeline = Timeline(server.gui, drawing, threading.RLock())
+    for factor in ("1 ×", "4 ×"):
+        timeline.refresh()
+        drawing.set_frame(0)
+        timeline._speed.value = factor
+        begun = threading.Event()
+        shown: list[tuple[float, float]] = []
+        timeline.on_frame = lambda frame, shown=shown, begun=begun: (
+            shown.append((time.monotonic(), float(drawing.times[frame]))),
+            len(shown) > 8 and begun.set(),
+        )
+        timeline.play()
+        assert begun.wait(20)
+        timeline.pause()
+        (first, earlier), (last, later) = shown[0], shown[-1]
+        assert later - earlier == pytest.approx(SPEEDS[factor] * (last - first), abs=SPEEDS[factor] * 0.15)
+    frame = drawing.frame
+    timeline.step(3)
+    assert drawing.frame == frame + 3
+    timeline.step(-1000)
+    assert drawing.frame == 0
+    timeline.stop()
+
+
 def history(scene: Scene, frames: int = 30) -> BeliefHistory:
     """Of one pair that becomes a hinge."""
     shares = np.zeros((frames, 1, len(JOINT_CODES)))
@@ -279,14 +309,12 @@ def test_a_saved_page_holds_every_frame_at_its_time_and_loads_nothing(tmp_path: 
         for time, message in told["messages"]
         if message["type"] == "SetPositionMessage" and message["name"] == "/view/bodies/plate"
     }
-    expected = {round(0.05 * k, 4): 0.01 * k for k in range(12) if k != 5}  # not seen in frame 5
+    expected = {round(0.05 * k, 4): 0.01 * k for k in range(1, 12) if k != 5}  # begins at 0, not seen in frame 5
     assert moves == pytest.approx(expected)
     page = (tmp_path / "page.html").read_text()
     assert "<summary>&lt;b&gt;A &amp; B&lt;/b&gt;</summary>" in page
     assert "Content-Security-Policy" in page
     assert not re.search(r"""(src|href)=["']?https?:""", page)
-    with pytest.raises(FileNotFoundError):
-        save_page(tmp_path / "missing" / "page.html", scene)
 
 
 def test_polygons_stand_as_they_are(drawing: SceneDrawing) -> None:
@@ -297,3 +325,21 @@ def test_polygons_stand_as_they_are(drawing: SceneDrawing) -> None:
     solid = drawing.body_handles["bracket"]
     top = solid.vertices[np.isclose(solid.vertices[:, 2], 0.10)][:, :2]
     assert {tuple(point) for point in top.astype(float).round(4).tolist()} == set(L_SHAPE)
+
+
+def test_a_scene_that_has_an_arm_shows_it_holding_the_tool(server, drawing: SceneDrawing) -> None:
+    scene = workshop().replace(arm=Arm())
+    track = track_of(scene)
+    drawing.show_track(track)
+    links = [handle for name, handle in server.scene._handle_from_node_name.items() if "/arm/link_" in name]
+    assert len(links) > 6
+    rod = links[0]
+    for frame, lift in ((0, Arm().lift), (6, 0.0)):
+        drawing.set_frame(frame)
+        tip = rod.vertices[rod.vertices[:, 2].argmax()] * [0, 0, 1]
+        placed = pose_3d.transform(np.concatenate((rod.position, rod.wxyz)), tip)
+        np.testing.assert_allclose(placed[:2], track.poses[frame, 0, :2], atol=1e-3)
+        tool = server.scene.get_handle_by_name("/view/tool/frame")
+        assert tool.position[2] == pytest.approx(lift, abs=1e-3)
+    drawing.show_scene(workshop())
+    assert server.scene.get_handle_by_name("/view/arm") is None

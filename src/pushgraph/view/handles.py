@@ -61,7 +61,9 @@ class Handles:
             point = on_table(event, float(knob.position[2]))
             if point is None:
                 return
+            point = np.round(point, 4)
             if event.phase == "end":
+                self.session.forget_latest(name)
                 self.session.do(lambda: done(point), event.client)
             elif event.phase == "update":
                 self.session.do_latest(name, lambda: self._move(name, point, preview))
@@ -82,7 +84,7 @@ class Handles:
             )
 
         def done(point: np.ndarray) -> None:
-            self.session.workbench.move_push_end(push, end, np.round(point, 4).tolist())
+            self.session.workbench.move_push_end(push, end, point.tolist())
 
         return preview, done
 
@@ -95,7 +97,7 @@ class Handles:
         def done(point: np.ndarray) -> None:
             goal = self.session.workbench.work.goal
             if goal is not None:
-                self.session.workbench.set_goal(goal.model_dump() | {"position": tuple(np.round(point, 4).tolist())})
+                self.session.workbench.set_goal(goal.model_dump() | {"position": tuple(point.tolist())})
 
         return preview, done
 
@@ -152,6 +154,7 @@ class Handles:
             if there is None:
                 return
             if event.phase == "end":
+                self.session.forget_latest(("body", name))
                 self.session.do(lambda: self.session.workbench.place_body(name, there), event.client)
             else:
                 self.session.do_latest(("body", name), lambda: self._foresee_body(name, there))

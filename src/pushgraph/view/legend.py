@@ -11,6 +11,8 @@ from pushgraph.view.drawing.colours import BODIES, FORCE, GOAL, JOINTS, PUSH, SP
 from pushgraph.view.drawing.placing import frame_at
 
 MOST_BODIES = 40
+LIGHT = 180
+"""Colours of which every part is larger stand on a dark ground."""
 MARKS = {
     "fixed": "■ fixed joint",
     "revolute": "● hinge, its arc the limits",
@@ -84,7 +86,8 @@ def believed_masses(history: BeliefHistory | None, time: float) -> dict[str, str
 
 def _row(colour: Colour, text: str, mark: str) -> str:
     shade = "#{:02x}{:02x}{:02x}".format(*colour)
-    chip = f'<span style="color:{shade};background:#fff;border-radius:3px;padding:0 0.25em">{mark}</span>'
+    ground = "#777" if min(colour) > LIGHT else "#fff"
+    chip = f'<span style="color:{shade};background:{ground};border-radius:3px;padding:0 0.25em">{mark}</span>'
     return f'<div style="margin:0.15em 0">{chip} {text}</div>'
 
 

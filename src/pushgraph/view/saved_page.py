@@ -25,8 +25,8 @@ LONGEST = 3600.0
 _RULES = "default-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:"
 """What the page may load: only what is in it."""
 _STYLE = """
-#pushgraph{position:fixed;bottom:4em;left:0.75em;z-index:5;max-width:20em;padding:0.6em 0.9em;border-radius:0.4em;
-font:14px/1.45 system-ui,sans-serif;background:#ffffffe6;color:#222;box-shadow:0 0 1em #0003}
+#pushgraph{position:fixed;bottom:4em;left:0.75em;z-index:5;max-width:17em;padding:0.5em 0.8em;border-radius:0.4em;
+font:12px/1.4 system-ui,sans-serif;background:#ffffffe6;color:#222;box-shadow:0 0 1em #0003}
 #pushgraph summary{cursor:pointer;font-weight:600}#pushgraph details{max-height:14em;overflow:auto}
 @media (prefers-color-scheme:dark){#pushgraph{background:#222222e6;color:#eee}}
 """

@@ -1,5 +1,6 @@
 """One page for any number of browsers: what they ask for is done one after the other, and shown to all."""
 
+import contextlib
 import html
 import sys
 import threading
@@ -22,6 +23,8 @@ Action = Callable[[], str | None]
 """Changes the workbench; may say what came of it."""
 LONGEST_MESSAGE = 2000
 MOST_NOTES = 30
+NOTES_AFTER = 0.3
+"""Notes follow so much later (s): they are slower to find than a prediction, and may wait."""
 HELP = (
     "**Drag** the ends of a push, a body, or the pin of a goal. Shift-drag turns a body.<br/>"
     "**Space** plays, **←** and **→** step, **Z** undoes the last change."
@@ -41,6 +44,7 @@ class Session:
         self._latest: dict[Hashable, Callable[[], None]] = {}
         self._shown: Work | None = None
         self._unpredictable: object = None
+        self._noted: Work | None = None
         self._shown_tracks: tuple[AnyTrack | None, AnyTrack | None] = (None, None)
         self.believed = False
         """Whether predictions take the joints that are believed, while there are beliefs."""
@@ -63,7 +67,8 @@ class Session:
         waiting = key in self._latest
         self._latest[key] = action
         if not waiting:
-            self._worker.submit(self._do_latest, key)
+            with contextlib.suppress(RuntimeError):  # the page was stopped meanwhile
+                self._worker.submit(self._do_latest, key)
 
     def say(self, text: str, refused: bool = False) -> None:
         """Show a message to everyone."""
@@ -82,7 +87,11 @@ class Session:
         for refresh in self.refreshers:
             refresh()
         self.server.flush()
-        self.do_latest("notes", self._show_notes)
+        if self._noted is not work:
+            self._noted = work
+            later = threading.Timer(NOTES_AFTER, self.do_latest, ("notes", self._show_notes))
+            later.daemon = True
+            later.start()
 
     def tracks(self) -> tuple[AnyTrack | None, AnyTrack | None]:
         """The track that moves, and its ghost."""
@@ -117,6 +126,11 @@ class Session:
             except Exception:
                 traceback.print_exc(file=sys.stderr)
                 self._refuse("pushgraph failed to draw this, which it should not; undo it", client)
+
+    def forget_latest(self, key: Hashable) -> None:
+        """What waits to be done under this key is of no matter any more."""
+        if key in self._latest:
+            self._latest[key] = lambda: None
 
     def _do_latest(self, key: Hashable) -> None:
         action = self._latest.pop(key)

@@ -44,6 +44,7 @@ class Workbench:
     def __init__(self, shown: Opened, folder: Folder, title: str = "scene", compare: AnyTrack | None = None) -> None:
         self.folder = folder
         self._past: list[Work] = []
+        self._foreseen: Track | None = None
         self.work = work_on(shown, title)
         if compare is not None:
             self.work = dataclasses.replace(
@@ -130,11 +131,17 @@ class Workbench:
     # What comes of it.
 
     def foreseen(self, scene: Scene) -> Track:
-        """What a scene's pushes are predicted to do, with the spread; changes nothing."""
+        """What a scene's pushes are predicted to do, with the spread; changes nothing.
+
+        Asked for the same again, as at the end of a drag, it answers at once.
+        """
+        if self._foreseen is not None and self._foreseen.scene == scene:
+            return self._foreseen
         check_length(scene)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AssumptionWarning)
-            return self._predictor.predict(scene, spread=self._predictor.states_spread)
+            self._foreseen = self._predictor.predict(scene, spread=self._predictor.states_spread)
+        return self._foreseen
 
     def predict(self, believed: bool = False) -> None:
         """Predict the scene's pushes; believed: with the joints that are believed, as surely as they are."""

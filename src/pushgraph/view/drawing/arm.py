@@ -13,7 +13,7 @@ from pushgraph.view.drawing.layer import Layer, Movers
 
 
 class DrawnArm:
-    """A UR10 whose joints follow a trajectory."""
+    """A UR10 that holds the tool: as a trajectory of its joints says, or else as the tool's pose demands."""
 
     def __init__(self, api: viser.SceneApi, node: str) -> None:
         self._layer = Layer(api, node)
@@ -21,10 +21,11 @@ class DrawnArm:
         self._surface: ArmSurface | None = None
         self._trajectory: JointTrajectory | None = None
 
-    def show(self, scene: Scene, trajectory: JointTrajectory) -> None:
+    def show(self, scene: Scene, trajectory: JointTrajectory | None = None) -> None:
         """Draw the scene's arm, or one at the default place; raises ArmError without the extra that has its meshes."""
         scene = held(scene)
-        self._layer.draw((scene.arm, scene.tool), lambda: self._draw(scene))
+        heights = max(body.shape.height for body in scene.bodies)
+        self._layer.draw((scene.arm, scene.tool, heights), lambda: self._draw(scene))
         self._trajectory = trajectory
 
     def clear(self) -> None:
@@ -32,11 +33,22 @@ class DrawnArm:
         self._layer.clear()
         self._movers, self._surface, self._trajectory = Movers(()), None, None
 
-    def at(self, time: float) -> float | None:
-        """Bring it to where it is so long after its start (s); say how high it lifts the tool (m), None without arm."""
-        if self._surface is None or self._trajectory is None:
+    def at(self, time: float, pose_world_from_tool: Float[np.ndarray, "7"]) -> float | None:
+        """Bring it to where it is so long after its start (s); say how high it lifts the tool (m), None without arm.
+
+        pose_world_from_tool: lifted, if its height is not 0. An arm that cannot hold the tool there is hidden.
+        """
+        if self._surface is None:
             return None
-        angles = angles_at(self._trajectory, time)
+        if self._trajectory is not None:
+            angles = angles_at(self._trajectory, time)
+        else:
+            x, y, z, w, _, _, v = pose_world_from_tool.tolist()
+            arm = self._surface.arm
+            angles = arm.joint_angles(np.array([x, y, 2 * np.arctan2(v, w)]), arm.lift if z else 0.0)
+        if not np.isfinite(angles).all():
+            self._movers.move(np.full((len(self._surface.links), 7), np.nan))
+            return None
         self._movers.move(self._surface.link_poses(angles))
         return self._surface.lift(angles)
 

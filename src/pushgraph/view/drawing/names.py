@@ -31,6 +31,18 @@ class View(NamedTuple):
     position: tuple[float, float, float]
     letters: float
 
+    @property
+    def forward(self) -> Float[np.ndarray, "3"]:
+        """Unit vector of the line of sight."""
+        along = np.subtract(self.target, self.position)
+        return along / np.linalg.norm(along)
+
+    @property
+    def right(self) -> Float[np.ndarray, "3"]:
+        """Unit vector that points to the right, level."""
+        across = np.cross(self.forward, [0.0, 0.0, 1.0])
+        return across / np.linalg.norm(across)
+
 
 def poles_of(scene: Scene | LeverScene, bodies: Sequence["DrawnBody"], view: View) -> Float[np.ndarray, "bodies 2 3"]:
     """Where on each body a pole stands, and where it ends, at the body's name; in the body's frame (m)."""
@@ -82,10 +94,7 @@ def heights_of(places: Float[np.ndarray, "names 3"], lengths: Sequence[int], vie
 
     lengths: letters. The nearest stand lowest; a name that finds no room in twelve steps stays at the twelfth.
     """
-    forward = np.subtract(view.target, view.position)
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, [0, 0, 1])
-    right = right / np.linalg.norm(right)
+    forward, right = view.forward, view.right
     up = np.cross(right, forward)
     line = view.letters * (1 + PADDING)
     half = np.array([(WIDTH * length + 2 * PADDING) * view.letters / 2 for length in lengths])

@@ -4,12 +4,15 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from pushgraph import pose_3d
 from pushgraph.belief_history import BeliefHistory
+from pushgraph.scene import Scene
 from pushgraph.view.drawing.beliefs import KINDS, telling_pairs
 from pushgraph.view.drawing.colours import EDGE, JOINTS
 from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
 from pushgraph.view.drawing.names import View, add_label
 from pushgraph.view.drawing.solids import Solid
+from pushgraph.view.drawing.table import extent
 
 MOST_ROWS = 8
 MOST_SAMPLES = 240
@@ -27,9 +30,9 @@ class ProbabilityBoard:
         self._times = np.zeros(1)
         self._width = 0.0
 
-    def show(self, history: BeliefHistory, view: View, left: Float[np.ndarray, "3"], width: float) -> None:
-        """Draw it. left: its lower left corner in the world; width: m. It leans back, to face who first sees it."""
-        self._layer.draw(history, lambda: self._draw(history, view, left, width))
+    def show(self, history: BeliefHistory, view: View) -> None:
+        """Draw it behind the bodies, facing who first sees them."""
+        self._layer.draw((history, view), lambda: self._draw(history, view))
 
     def clear(self) -> None:
         """Remove it."""
@@ -42,13 +45,14 @@ class ProbabilityBoard:
             first, last = self._times[0], max(self._times[-1], self._times[0] + 1e-9)
             self._cursor.position = (round(self._width * (self._times[frame] - first) / (last - first), 4), 0.0, 0.0)
 
-    def _draw(self, history: BeliefHistory, view: View, left: Float[np.ndarray, "3"], width: float) -> None:
+    def _draw(self, history: BeliefHistory, view: View) -> None:
         api, node = self._layer.api, f"{self._layer.node}/board"
         rows = telling_pairs(history)[:MOST_ROWS]
+        left, width = _lower_rim(history.scene, view)
         self._times, self._width = history.times, width
         if not rows:
             return
-        api.add_frame(node, show_axes=False, position=tuple(left.tolist()), wxyz=_leaning(view))
+        api.add_frame(node, show_axes=False, position=tuple(left.tolist()), wxyz=_facing(view))
         samples = np.unique(np.linspace(0, len(history.times) - 1, MOST_SAMPLES).astype(int))
         x = width * (history.times[samples] - history.times[0]) / max(np.ptp(history.times), 1e-9)
         row_height, line = ROW * view.letters, (ROW + BETWEEN) * view.letters
@@ -81,8 +85,20 @@ def band(
     return Solid(vertices, faces, np.zeros((0, 2, 3)))
 
 
-def _leaning(view: View) -> tuple[float, float, float, float]:
-    """Turned about x so that the board's face looks at the first viewer, who stands on the side of negative y."""
-    away = np.subtract(view.target, view.position)
-    tilt = np.arctan2(np.hypot(*away[:2]), -away[2])
-    return float(np.cos(tilt / 2)), float(np.sin(tilt / 2)), 0.0, 0.0
+def _lower_rim(scene: Scene, view: View) -> tuple[Float[np.ndarray, "3"], float]:
+    """Lower left corner of the board in the world, and its width (m): as broad as the bodies, behind the last one."""
+    low, high = extent(scene)
+    box = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    across, away = box @ view.right, box @ np.cross([0.0, 0.0, 1.0], view.right)
+    back = float(away.max()) + 3 * view.letters
+    left = across.min() * view.right + back * np.cross([0.0, 0.0, 1.0], view.right)
+    return left + [0.0, 0.0, view.letters], float(np.ptp(across))
+
+
+def _facing(view: View) -> tuple[float, float, float, float]:
+    """Turned about z to the viewer's right, and leaning back so that its face looks at the viewer."""
+    turn, tilt = np.arctan2(view.right[1], view.right[0]), np.arccos(np.clip(-view.forward[2], -1.0, 1.0))
+    about_z = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
+    about_x = np.array([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0])
+    w, x, y, z = pose_3d.multiply(about_z, about_x).tolist()
+    return w, x, y, z

@@ -1,14 +1,15 @@
 """One scene in the browser, and what moves in it."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
 from pushgraph import pose_3d
-from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
+from pushgraph.errors import ArmError
 from pushgraph.joint_trajectory import JointTrajectory
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack
@@ -24,7 +25,7 @@ from pushgraph.view.drawing.names import View
 from pushgraph.view.drawing.placing import frame_at, placed, start_of
 from pushgraph.view.drawing.probability_board import ProbabilityBoard
 from pushgraph.view.drawing.spread import SpreadEllipses
-from pushgraph.view.drawing.table import FIELD, DrawnTable, extent, view_of, view_of_arm
+from pushgraph.view.drawing.table import FIELD, DrawnTable, view_of
 from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
 
@@ -73,10 +74,11 @@ class SceneDrawing:
         So is all else, if it was of other bodies.
         """
         with self._server.atomic():
-            if self.scene is None or self.scene.names != scene.names or type(self.scene) is not type(scene):
+            before = self.scene
+            if before is None or before.names != scene.names or type(before) is not type(scene):
                 self.clear()
                 self._view = view_of(scene)
-                self._look(self._view)
+                self._look(self._view, move=before is not None and not set(before.names) & set(scene.names))
             elif self.track is not None:
                 self.show_track(None)
             self._draw_scene(scene)
@@ -146,11 +148,8 @@ class SceneDrawing:
                 return
             if self.scene is None or self.scene.names != history.scene.names:
                 self.show_scene(history.scene)
-            low, high = extent(self.scene or history.scene)
-            view = self._seen_from(history.scene)
             self._links.show(history)
-            width = float(high[0] - low[0])
-            self._board.show(history, view, np.array([low[0], high[1] + 3 * view.letters, view.letters]), width)
+            self._board.show(history, self._seen_from(history.scene))
             self._place()
 
     def show_goal(self, goal: Goal | None) -> None:
@@ -162,14 +161,14 @@ class SceneDrawing:
             self._drawn_goal.show(self.scene, goal)
 
     def show_arm(self, trajectory: JointTrajectory | None) -> None:
-        """The scene's arm, whose joints move as this from the first frame of the track on; None: no arm."""
+        """The arm's joints move as this from the first frame of the track on; None: as the tool's poses demand.
+
+        A scene that says which arm holds the tool shows it by itself.
+        """
         with self._server.atomic():
-            if trajectory is None or not isinstance(self.scene, Scene):
-                self._arm.clear()
-            else:
+            if isinstance(self.scene, Scene) and (trajectory is not None or self.scene.arm is not None):
                 self._arm.show(self.scene, trajectory)
-                self._look(view_of_arm(self.scene, self.scene.arm or Arm()))
-            self._place()
+                self._place()
 
     def set_frame(self, frame: int) -> None:
         """Show this frame of the track (of the beliefs, if there is no track), from 0 to `len(times) - 1`."""
@@ -225,9 +224,12 @@ class SceneDrawing:
             part.clear()
         self._forget()
 
-    def _look(self, view: View) -> None:
+    def _look(self, view: View, move: bool) -> None:
+        """From where pages that open see it, and those that are open, too, if they shall move."""
         camera = self._server.initial_camera
         camera.look_at, camera.position, camera.fov = view.target, view.position, FIELD
+        for client in self._server.get_clients().values() if move else ():
+            client.camera.position, client.camera.look_at = view.position, view.target
 
     def _seen_from(self, scene: Scene | LeverScene) -> View:
         return self._view or view_of(scene)
@@ -240,6 +242,14 @@ class SceneDrawing:
         self._tool.show(scene)
         if isinstance(scene, Scene):
             self._pushes.show(scene, view)
+            self._show_arm(scene)
+
+    def _show_arm(self, scene: Scene) -> None:
+        if scene.arm is None:
+            self._arm.clear()
+        else:
+            with suppress(ArmError):  # the extra with its meshes is not installed: then the tool is shown alone
+                self._arm.show(scene)
 
     def _place(self) -> None:
         """Bring everything to the frame."""
@@ -247,7 +257,7 @@ class SceneDrawing:
             return
         time = float(self.times[self._frame])
         poses = start_of(self.scene) if self.track is None else placed(self.track, self._frame)
-        lift = self._arm.at(time - float(self.times[0]))
+        lift = self._arm.at(time - float(self.times[0]), poses[0])
         if lift is not None:
             poses[0, 2] = lift
         self._bodies.move(poses[1:])

@@ -4,7 +4,6 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
-from pushgraph.arm import Arm
 from pushgraph.lever_scene import LeverScene, corners
 from pushgraph.scene import Scene, Table
 from pushgraph.view.drawing.colours import GRID, TABLE
@@ -18,7 +17,9 @@ LINES = 0.1
 ELEVATION, LOW = np.radians(52), np.radians(28)
 NEARER = 0.92
 """What is seen from above is not as high as it is wide."""
-ARM_HEIGHT = 0.9
+ASIDE = np.radians(50)
+"""So far from where its base faces is an arm seen from."""
+ARM_HEIGHT = 0.5
 """Of an arm at work above its base (m)."""
 FIELD = np.radians(40)
 """Of view, from lower to upper rim."""
@@ -80,23 +81,22 @@ def extent(scene: Scene | LeverScene) -> tuple[Float[np.ndarray, "3"], Float[np.
 
 
 def view_of(scene: Scene | LeverScene) -> View:
-    """From so far away that all of it is seen: a table from the side of negative y, a lever scene from beside the tool,
-    low enough to see the board rise.
+    """From so far away that all of it is seen.
+
+    A table from the side of negative y, or with an arm from the side that its base faces; a lever scene from beside the
+    tool, low enough to see the board rise.
     """
     low, high = extent(scene)
     if isinstance(scene, LeverScene):
         board, tool = scene.bodies[scene.board].position, scene.path[0].position
         return _seen(low, high, np.arctan2(tool[1] - board[1], tool[0] - board[0]) - np.pi / 3, LOW)
     breadth = 2 * float(np.median([body.shape.reach for body in scene.bodies]))
-    return _seen(low, high, -np.pi / 2, ELEVATION, breadth)
-
-
-def view_of_arm(scene: Scene, arm: Arm) -> View:
-    """From the side that the arm's base faces, with the arm in view."""
-    low, high = extent(scene)
-    x, y, yaw = arm.pose_world_from_base
-    base = np.array([x, y, arm.base_height])
-    return _seen(np.minimum(low, base), np.maximum(high, base + [0, 0, ARM_HEIGHT]), yaw + np.radians(50), LOW)
+    if scene.arm is None:
+        return _seen(low, high, -np.pi / 2, ELEVATION, breadth)
+    x, y, yaw = scene.arm.pose_world_from_base
+    base = np.array([x, y, scene.arm.base_height])
+    low, high = np.minimum(low, base), np.maximum(high, base + [0, 0, ARM_HEIGHT])
+    return _seen(low, high, yaw + ASIDE, LOW, breadth)
 
 
 def _seen(

@@ -1,0 +1,84 @@
+"""The viewer in a real browser: what is dragged, clicked and typed there, and what is seen of it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import browser, opened
+from person import Person
+from scenes import body
+
+from pushgraph.scene import Scene
+from pushgraph.shape import Cuboid
+from pushgraph.tool import Push, Tool
+
+pytest.importorskip("viser", reason="the extra [viewer] is not installed")
+
+from pushgraph.view.page import Page
+from pushgraph.view.panel.files import FileControls
+from pushgraph.view.workbench import PREDICTED, SIMULATED
+
+pytestmark = pytest.mark.slow
+
+
+def pair() -> Scene:
+    """Two bodies and a push of 30 cm that misses both."""
+    bodies = (body("box", 0.0, 0.0, Cuboid(size=(0.10, 0.10))), body("cup", -0.2, 0.12))
+    return Scene(bodies=bodies, pushes=(Push(start=(-0.2, -0.15), end=(0.1, -0.15)),), tool=Tool.round(0.05))
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    with Page(pair(), folder=tmp_path) as served:
+        served.ready()
+        yield served
+
+
+def test_push_body_and_goal_are_dragged_and_the_buttons_work(page: Page, tmp_path: Path) -> None:
+    bench = page.session.workbench
+    with browser() as chromium, opened(chromium, page.url, (1200, 800), drawing=False) as seen:
+        person = Person(page, seen)
+        before = bench.work.tracks[PREDICTED].poses[-1, 1]
+        end = person.knob("push/0/end")
+        target = np.array([0.0, 0.0, end[2]])
+        person.drag(end, target)
+        person.until(lambda: bench.planar.pushes[0].end != (0.1, -0.15) and PREDICTED in bench.work.tracks)
+        assert np.hypot(*np.subtract(bench.planar.pushes[0].end, (0.0, 0.0))) < 0.02
+        assert np.hypot(*(bench.work.tracks[PREDICTED].poses[-1, 1] - before)[:2]) > 0.01
+
+        seen.page.get_by_text("Simulate", exact=True).click()
+        person.until(lambda: SIMULATED in bench.work.tracks)
+
+        grip = np.array([0.03, 0.03, 0.1])
+        person.drag(grip, grip + [-0.17, 0.1, 0.0])  # the box into the cup
+        seen.page.get_by_text("they overlap by").first.wait_for()
+        assert bench.planar.poses_world_from_body[0].tolist() == [0.0, 0.0, 0.0]
+        person.drag(grip, grip + [0.05, 0.05, 0.0])
+        person.until(lambda: bench.planar.poses_world_from_body[0, 0] > 0.02)
+        place = bench.planar.poses_world_from_body[0]
+        edge = np.array([place[0] + 0.04, place[1], 0.1])
+        person.drag(edge, np.array([place[0], place[1] + 0.04, 0.1]), "Shift")
+        person.until(lambda: bench.planar.poses_world_from_body[0, 2] > 1.0)
+
+        seen.page.get_by_role("tab", name="Plan").click()
+        bench_goal = {"body": "cup", "position": (-0.2, 0.12)}
+        page.session.do(lambda: bench.set_goal(bench_goal)).result()
+        seen.page.wait_for_timeout(800)
+        person.drag(person.knob("goal"), np.array([-0.15, 0.25, person.knob("goal")[2]]))
+        person.until(lambda: bench.work.goal is not None and bench.work.goal.position[1] > 0.18)
+        seen.page.get_by_text("Plan", exact=True).last.click()
+        person.until(lambda: bench.work.plan is not None, 90.0)
+
+        seen.page.get_by_role("tab", name="Files").click()
+        name = page.controls[FileControls].name
+        seen.page.locator(f"[id='{name._impl.uuid}']").fill("from-browser")
+        seen.page.get_by_text("Save", exact=True).last.click()
+        person.until(lambda: (tmp_path / "from-browser.json").is_file())
+        seen.page.get_by_text("Saved from-browser.json").wait_for()
+        seen.page.locator("canvas").first.click(position={"x": 30, "y": 700})
+        seen.page.keyboard.press("z")
+        person.until(lambda: bench.work.plan is None)
+        assert seen.errors == []
+        assert seen.requests == []
+    assert Scene.load(tmp_path / "from-browser.json").names == ("box", "cup")
