@@ -45,6 +45,16 @@ class Person:
         if modifier:
             self.seen.keyboard.up(modifier)
 
+    def drag_until(self, start: np.ndarray, end: np.ndarray, holds: Any, modifier: str | None = None) -> None:
+        """Drag until it has come about: on a busy machine what shall be dragged may not be on the screen yet."""
+        for _ in range(4):
+            self.drag(start, end, modifier)
+            for _ in range(80):
+                if holds():
+                    return
+                self.seen.wait_for_timeout(50)
+        raise AssertionError(f"it did not come about; the page says {self.page.session.message!r}")
+
     def until(self, holds: Any, seconds: float = 30.0) -> None:
         """Wait for what the page shall have brought about."""
         for _ in range(int(seconds * 20)):

@@ -20,6 +20,8 @@ from pushgraph.view.panel.files import FileControls
 from pushgraph.view.workbench import PREDICTED, SIMULATED
 
 pytestmark = pytest.mark.slow
+VISERS_OWN = "Unable to preventDefault inside passive event listener"
+"""What viser's page says of its own while something is dragged."""
 
 
 def pair() -> Scene:
@@ -41,9 +43,8 @@ def test_push_body_and_goal_are_dragged_and_the_buttons_work(page: Page, tmp_pat
         person = Person(page, seen)
         before = bench.work.tracks[PREDICTED].poses[-1, 1]
         end = person.knob("push/0/end")
-        target = np.array([0.0, 0.0, end[2]])
-        person.drag(end, target)
-        person.until(lambda: bench.planar.pushes[0].end != (0.1, -0.15) and PREDICTED in bench.work.tracks)
+        person.drag_until(end, np.array([0.0, 0.0, end[2]]), lambda: bench.planar.pushes[0].end != (0.1, -0.15))
+        person.until(lambda: PREDICTED in bench.work.tracks)
         assert np.hypot(*np.subtract(bench.planar.pushes[0].end, (0.0, 0.0))) < 0.02
         assert np.hypot(*(bench.work.tracks[PREDICTED].poses[-1, 1] - before)[:2]) > 0.01
 
@@ -51,34 +52,29 @@ def test_push_body_and_goal_are_dragged_and_the_buttons_work(page: Page, tmp_pat
         person.until(lambda: SIMULATED in bench.work.tracks)
 
         grip = np.array([0.03, 0.03, 0.1])
-        person.drag(grip, grip + [-0.17, 0.1, 0.0])  # the box into the cup
+        person.drag_until(grip, grip + [-0.17, 0.1, 0.0], lambda: "they overlap by" in page.session.message)
         seen.page.get_by_text("they overlap by").first.wait_for()
         assert bench.planar.poses_world_from_body[0].tolist() == [0.0, 0.0, 0.0]
-        person.drag(grip, grip + [0.05, 0.05, 0.0])
-        person.until(lambda: bench.planar.poses_world_from_body[0, 0] > 0.02)
-        place = bench.planar.poses_world_from_body[0]
-        edge = np.array([place[0] + 0.04, place[1], 0.1])
-        person.drag(edge, np.array([place[0], place[1] + 0.04, 0.1]), "Shift")
-        person.until(lambda: bench.planar.poses_world_from_body[0, 2] > 1.0)
+        person.drag_until(grip, grip + [0.05, 0.05, 0.0], lambda: bench.planar.poses_world_from_body[0, 0] > 0.02)
+        x, y, _ = bench.planar.poses_world_from_body[0]
+        edge, turned = np.array([x + 0.04, y, 0.1]), np.array([x, y + 0.04, 0.1])
+        person.drag_until(edge, turned, lambda: bench.planar.poses_world_from_body[0, 2] > 1.0, "Shift")
 
+        page.session.do(lambda: bench.set_goal({"body": "cup", "position": (-0.2, 0.12)})).result()
+        pin = person.knob("goal")
+        person.drag_until(pin, np.array([-0.15, 0.25, pin[2]]), lambda: bench.work.goal.position[1] > 0.18)
         seen.page.get_by_role("tab", name="Plan").click()
-        bench_goal = {"body": "cup", "position": (-0.2, 0.12)}
-        page.session.do(lambda: bench.set_goal(bench_goal)).result()
-        seen.page.wait_for_timeout(800)
-        person.drag(person.knob("goal"), np.array([-0.15, 0.25, person.knob("goal")[2]]))
-        person.until(lambda: bench.work.goal is not None and bench.work.goal.position[1] > 0.18)
         seen.page.get_by_text("Plan", exact=True).last.click()
         person.until(lambda: bench.work.plan is not None, 90.0)
 
         seen.page.get_by_role("tab", name="Files").click()
-        name = page.controls[FileControls].name
-        seen.page.locator(f"[id='{name._impl.uuid}']").fill("from-browser")
+        seen.page.locator("input.mantine-TextInput-input:visible").fill("from-browser")
+        person.until(lambda: page.controls[FileControls].name.value == "from-browser")
         seen.page.get_by_text("Save", exact=True).last.click()
-        person.until(lambda: (tmp_path / "from-browser.json").is_file())
-        seen.page.get_by_text("Saved from-browser.json").wait_for()
-        seen.page.locator("canvas").first.click(position={"x": 30, "y": 700})
+        seen.page.get_by_text("Saved from-browser.json").first.wait_for()
+        seen.page.get_by_text("Drag", exact=True).first.click()
         seen.page.keyboard.press("z")
         person.until(lambda: bench.work.plan is None)
-        assert seen.errors == []
+        assert [error for error in seen.errors if VISERS_OWN not in error] == []
         assert seen.requests == []
     assert Scene.load(tmp_path / "from-browser.json").names == ("box", "cup")
