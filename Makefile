@@ -15,7 +15,7 @@ RUNS := $(CACHE)/runs
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
-.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-belief weights-paper-recipe weights-spread weights-lever-up data clean
+.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-image weights-belief weights-paper-recipe weights-spread weights-lever-up data docs clean
 
 install: $(VENV)/.tests
 
@@ -41,6 +41,10 @@ test: install lint
 test-all: install lint
 	$(BIN)/python -m pytest -m "" --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
+# The documentation as a site, in site/.
+docs: install
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -54,7 +58,7 @@ schema: install
 # Every shipped checkpoint from nothing; killed, the same command goes on. make -j2 weights trains two side by side.
 # Beliefs stand on the physics weights, and spreads on both, so they come after them.
 weights: data
-	+$(MAKE) weights-contact weights-propnet weights-lever-up
+	+$(MAKE) weights-contact weights-propnet weights-image weights-lever-up
 	+$(MAKE) weights-belief weights-paper-recipe
 	+$(MAKE) weights-spread
 
@@ -77,6 +81,13 @@ weights-contact: data
 weights-propnet: data
 	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
 	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
+
+weights-image: data
+	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 153000 --frames 4 --batch 64 --learning-rate 1e-3 \
+	  --hidden 128 --propagation-steps 3 --run-folder $(RUNS)/image-1 --out $(CACHE)/image-1.safetensors
+	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 100000 --frames 8 --batch 32 --learning-rate 7e-4 \
+	  --hidden 128 --propagation-steps 3 --seed 1 --start-from $(CACHE)/image-1.safetensors --run-folder $(RUNS)/image \
+	  --out $(BASELINES)/image.safetensors
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors

@@ -32,8 +32,9 @@ from pushgraph.network.contact_network import ContactNetwork
 from pushgraph.network.contract import Advance
 from pushgraph.network.dynamics import ContactDynamics, PropnetDynamics
 from pushgraph.network.registry import register_network
-from pushgraph.storage import cache_folder
-from pushgraph.training.physics import PhysicsTraining, train_physics
+from pushgraph.training.physics import train_physics
+from pushgraph.training.recipe import PhysicsTraining
+from pushgraph.training.run import TrainingRun
 
 METRICS = {
     "mean_error_cm": "mean error",
@@ -212,8 +213,10 @@ def _make(variant: Variant, data: Path, validation: Path, samples: int, path: Pa
         return
     common = {"frames": 4, "batch": 64, "hidden": 128, "propagation_steps": 5, "learning_rate": 1e-3}
     settings: dict[str, Any] = common | variant.settings
-    training = PhysicsTraining(variant.model, str(data), str(validation), samples, **settings)
-    train_physics(training, cache_folder(), path)
+    training = PhysicsTraining(
+        model=variant.model, data=str(data), validation=str(validation), samples=samples, **settings
+    )
+    train_physics(training, TrainingRun(out=str(path)))
 
 
 def _save_figure(rows: dict[tuple[str, str], dict[str, Any]], shown: tuple[str, ...], path: Path) -> None:

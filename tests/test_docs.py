@@ -58,7 +58,7 @@ def check_output(command: str, out: Path) -> None:
     if command.split()[1] == "evaluate":
         content = json.loads((out / "results.json").read_text())
         assert (content["suite"], content["protocol"]["seed"]) == ("physics", 1_000_000)
-        assert {row["model"] for row in content["rows"]} == {"still", "propnet", "contact", "noise_floor"}
+        assert {row["model"] for row in content["rows"]} == {"still", "image", "propnet", "contact", "noise_floor"}
         assert (out / "histogram.png").stat().st_size > 10_000
 
 

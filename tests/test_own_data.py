@@ -172,6 +172,8 @@ def test_drawn_windows_are_of_all_trajectories_alike(own: Path) -> None:
 @pytest.mark.slow
 def test_own_data_of_different_sizes_is_trained_on(own: Path, simulated: list[Track], tmp_path: Path) -> None:
     validation = pg.write_dataset(simulated[:1], tmp_path / "validation.h5")
-    training = pg.PhysicsTraining("contact", str(own), str(validation), samples=16, hidden=8, batch=4)
-    pg.train_physics(training, tmp_path / "cache", tmp_path / "own.safetensors")
+    training = pg.PhysicsTraining(
+        model="contact", data=str(own), validation=str(validation), samples=16, hidden=8, batch=4
+    )
+    pg.train_physics(training, pg.TrainingRun(out=str(tmp_path / "own.safetensors")))
     assert pg.load(tmp_path / "own.safetensors").record["data"]["setup"] == "own"

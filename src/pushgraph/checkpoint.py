@@ -25,7 +25,7 @@ FORMAT = "pushgraph.checkpoint"
 VERSION = 1
 MOST = 4096
 """Of any size in a network's config."""
-BASELINES = ("propnet", "paper_recipe", "lever_up_propnet")
+BASELINES = ("propnet", "image", "paper_recipe", "lever_up_propnet")
 """The paper's networks: a distribution of their own, as they are 85 % of all weights."""
 
 

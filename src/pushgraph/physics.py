@@ -39,7 +39,7 @@ from pushgraph.storage import cache_folder, replacing
 from pushgraph.tool import Push
 from pushgraph.track import FRAME, LIFTED, Track
 
-MODELS = ("contact", "propnet")
+MODELS = ("contact", "propnet", "image")
 """The shipped predictors: ours, and the paper's."""
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 """What the networks may compute in; geometry and poses keep their own precision."""

@@ -52,7 +52,7 @@ def physics(
     model: Models = None,
     workers: Workers = CORES,
 ) -> None:
-    """Roll out `contact`, `propnet` or your own against simulation, beside standing still and the noise floor.
+    """Roll out `contact`, `propnet`, `image` or your own against simulation, beside standing still and the noise floor.
 
     Examples:
 
@@ -63,7 +63,7 @@ def physics(
     from pushgraph.evaluation.figures import save_histogram
     from pushgraph.evaluation.physics import evaluate_physics
 
-    models = models_of(model, ("propnet", "contact"), ("still", "noise_floor"))
+    models = models_of(model, ("image", "propnet", "contact"), ("still", "noise_floor"))
     numbers = numbers_of(objects, setup, data)
     results, scenes = measure(evaluate_physics, numbers, count, seed, models, workers, data, setup=setup)
     results.save(out / "results.json")

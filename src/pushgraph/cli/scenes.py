@@ -40,7 +40,7 @@ def predict(
     model: Annotated[
         str | None,
         typer.Option(
-            help="contact, propnet, or a checkpoint; of scenes in space lever_up or a checkpoint.",
+            help="contact, propnet, image, or a checkpoint; of scenes in space lever_up or a checkpoint.",
             show_default="contact, lever_up",
         ),
     ] = None,

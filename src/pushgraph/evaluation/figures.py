@@ -17,7 +17,7 @@ from pushgraph.evaluation.spread import CONDITIONS, SceneSpread, levels
 from pushgraph.storage import replacing
 
 COLOURS = {
-    **{"still": "#bbbbbb", "propnet": "#d08000", "contact": "#2060c0", "noise_floor": "#40a060"},
+    **{"still": "#bbbbbb", "propnet": "#d08000", "image": "#8060c0", "contact": "#2060c0", "noise_floor": "#40a060"},
     **{"belief": "#2060c0", "paper_recipe": "#d08000", "informed": "#40a060"},
     **{"oracle": "#202020", "informed_oracle": "#40a060"},
     **{"ratio_observer": "#40a060", "exact": "#40a060", "mean_guess": "#d08000", "median_guess": "#bbbbbb"},

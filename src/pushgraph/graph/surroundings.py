@@ -8,7 +8,7 @@ surface of a kind, negative inside.
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
@@ -45,7 +45,7 @@ class Surroundings(NamedTuple):
 
     images: Float[Tensor, "seen channels pixels pixels"]
     vectors: Float[Tensor, "seen vector"]
-    slot: Tensor
+    slot: Int[Tensor, " seen"]
     length: Float[Tensor, " seen"]
 
 
