@@ -5,6 +5,7 @@ import html
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.scene import Scene
 from pushgraph.view.panel.controls import NONE, Controls, offer
+from pushgraph.view.session import block
 from pushgraph.view.work import Work
 
 AS_SEEN = "as seen"
@@ -30,7 +31,7 @@ class BeliefControls(Controls):
         self.one = self.gui.add_dropdown("Bodies", (NONE,))
         self.other = self.gui.add_dropdown("and", (NONE,))
         self.kind = self.gui.add_dropdown("are joined", (*JOINT_CODES, AS_SEEN))
-        self.buttons("This", {"Correct": self._correct}, "From now on this is known of the two")
+        self.buttons("by hand", {"Correct": self._correct}, "From now on this is known of the two")
 
     def refresh(self) -> None:
         """Tell what is believed."""
@@ -45,7 +46,10 @@ class BeliefControls(Controls):
         self.session.server.flush()
         self.workbench.step_belief()
         watching = self.workbench.work.watching
-        return f"{watching.done} of {watching.end} frames were watched." if watching else ""
+        if watching is None:
+            return ""
+        self.session.show_next = float(watching.frames.times[watching.done - 1])
+        return f"{watching.done} of {watching.end} frames were watched."
 
     def _believe(self) -> None:
         self.session.believed = bool(self.believed.value)
@@ -60,7 +64,7 @@ def _told(work: Work) -> str:
     """What is believed of the pairs of which most is believed, as HTML."""
     history = work.history
     if history is None:
-        return '<div style="padding:0 0.75em">Nothing was watched yet.</div>'
+        return block("Nothing was watched yet.")
     last, kinds = history.probabilities[-1], list(JOINT_CODES)
     rows = []
     for row in (-last[:, 1:].max(1)).argsort(kind="stable")[:MOST_PAIRS].tolist():
