@@ -1,13 +1,8 @@
-"""Scenes, tracks and beliefs in a browser, drawn with viser; what makes pictures and animations is in `viewer`.
-
-`pg.view(scene)` calls this package, which is why it can be called.
-"""
+"""Scenes, tracks and beliefs in a browser, drawn with viser; what makes pictures and animations is in `viewer`."""
 
 import importlib.util
 import os
-import sys
-import types
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pushgraph.errors import ViewerError
 
@@ -48,13 +43,3 @@ def check_installed() -> None:
     """Raise ViewerError if viser is missing."""
     if importlib.util.find_spec("viser") is None:
         raise ViewerError(MISSING)
-
-
-class _CalledAsItsFunction(types.ModuleType):
-    """Importing a module of a package makes the package an attribute of `pushgraph`, in the place of the function."""
-
-    def __call__(self, *arguments: Any, **options: Any) -> "Page":
-        return view(*arguments, **options)
-
-
-sys.modules[__name__].__class__ = _CalledAsItsFunction

@@ -4,12 +4,14 @@ import html
 
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.scene import Scene
-from pushgraph.view.panel.controls import NONE, Controls, offer
+from pushgraph.view.panel.controls import NONE, Controls, offer_pair
 from pushgraph.view.session import block
 from pushgraph.view.work import Work
 
 AS_SEEN = "as seen"
 MOST_PAIRS = 12
+DOUBT = 0.005
+"""Pairs that are surer not joined are told together."""
 
 
 class BeliefControls(Controls):
@@ -37,8 +39,7 @@ class BeliefControls(Controls):
         """Tell what is believed."""
         scene, work = self.workbench.scene, self.workbench.work
         names = scene.names if isinstance(scene, Scene) else ()
-        offer(self.one, names)
-        offer(self.other, names)
+        offer_pair(self.one, self.other, names)
         self.told.content = _told(work)
 
     def _step(self) -> str:
@@ -67,10 +68,13 @@ def _told(work: Work) -> str:
         return block("Nothing was watched yet.")
     last, kinds = history.probabilities[-1], list(JOINT_CODES)
     rows = []
-    for row in (-last[:, 1:].max(1)).argsort(kind="stable")[:MOST_PAIRS].tolist():
+    told = [row for row in (-last[:, 1:].max(1)).argsort(kind="stable").tolist() if last[row, 0] < 1 - DOUBT]
+    for row in told[:MOST_PAIRS]:
         one, other = map(html.escape, history.pairs[row])
         cells = "".join(f'<td style="text-align:right">{100 * share:.0f}</td>' for share in last[row])
         rows.append(f"<tr><td>{one} - {other}</td>{cells}</tr>")
     head = "".join(f"<th>{kind}</th>" for kind in kinds)
+    others = len(last) - len(rows)
+    rows.append(f'<tr><td colspan="5">{others} more {"pairs" * bool(rows)}</td></tr>' * bool(others))
     table = f"<tr><th>%</th>{head}</tr>{''.join(rows)}"
     return f'<table style="font-size:0.8em;width:100%;padding:0 0.75em">{table}</table>'
