@@ -140,6 +140,12 @@ def test_scenes_and_the_command_s_help_need_no_torch_and_take_less_than_a_second
         assert float(seconds) < 1
 
 
+def test_neither_pushgraph_nor_its_command_line_loads_the_browser_viewer() -> None:
+    code = "import sys, pushgraph.cli; sys.exit(str({'viser', 'pushgraph.view.page'} & set(sys.modules) or ''))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.strip() == ""
+
+
 def test_every_dependency_is_explained_and_pinned() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     wanted = [*project["dependencies"], *(d for extra in project["optional-dependencies"].values() for d in extra)]

@@ -3,6 +3,8 @@
 import json
 import os
 import random
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -251,3 +253,26 @@ def test_a_used_port_gets_a_free_one_and_says_so(page: Page, folder: Path) -> No
     for host, wrong in (("nowhere.invalid", 8080), ("127.0.0.1", 0), ("127.0.0.1", 70_000)):
         with pytest.raises(ViewerError, match=r"host|port"):
             Page(trio(), folder=folder, host=host, port=wrong)
+
+
+def test_a_script_shows_a_scene_and_a_notebook_a_page(folder: Path, capsys: pytest.CaptureFixture) -> None:
+    import pushgraph as pg
+    import pushgraph.view  # a package of the same name, which does not hide the function
+
+    scene = trio()
+    track = pg.load().predict(scene)
+    with pytest.warns(UserWarning, match="no password"), pg.view(scene, folder=folder, host="0.0.0.0", wait=False):
+        pass
+    with pg.view(track, compare=pg.simulate(scene), folder=folder, wait=False) as shown:
+        shown.ready()
+        assert list(shown.session.workbench.work.tracks) == ["Opened", "Compared"]
+        assert f'src="{shown.url}"' in shown._repr_html_()
+    with pytest.raises(pg.PushGraphError, match="compare: its bodies are"):
+        pg.view(scene, compare=pg.load().predict(Scene(bodies=(body("other", 0.0, 0.0),))), folder=folder, wait=False)
+
+
+def test_without_the_extra_one_sentence_says_what_is_missing() -> None:
+    code = "import sys; sys.modules['viser'] = None; from pushgraph.cli import main; main(['view'])"
+    refused = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert refused.returncode == 1
+    assert refused.stderr.strip() == "Error: the browser viewer needs viser: pip install 'pushgraph[viewer]'"

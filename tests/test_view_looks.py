@@ -188,6 +188,11 @@ def test_a_minute_of_twenty_bodies_is_a_small_page_that_replays_without_network(
         stands = field.input_value()
         start = pictured(seen, "start", tmp_path)
         assert field.input_value() == stands
+        seen.page.keyboard.press("ArrowRight")
+        seen.page.keyboard.press("ArrowRight")
+        seen.page.keyboard.press("ArrowLeft")
+        seen.page.wait_for_timeout(1000)
+        assert float(field.input_value()) == pytest.approx(float(stands) + 0.1)
         at(seen, "60.0")
         assert difference(start, pictured(seen, "end", tmp_path)) > 0.01
         assert (seen.errors, seen.requests) == ([], [])

@@ -12,6 +12,8 @@ where type checkers read it, too.
 
 import ast
 import importlib
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,17 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'pushgraph' has no attribute {name!r}")
     value = globals()[name] = getattr(importlib.import_module(_MODULE_OF[name]), name)
     return value
+
+
+class _Package(types.ModuleType):
+    """`pushgraph.view` is a package, too, which importing it would put in the place of the function of that name."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _MODULE_OF and isinstance(value, types.ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __dir__() -> list[str]:

@@ -14,7 +14,7 @@ def view(
     shown: Annotated[
         str,
         typer.Argument(
-            metavar="[SCENE | TRACK | BELIEFS | PLAN]",
+            metavar="SCENE|TRACK|BELIEFS|PLAN",
             help="A file that pushgraph wrote, or the name of a shipped scene: demo, lever-up.",
         ),
     ] = "demo",

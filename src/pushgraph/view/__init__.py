@@ -1,12 +1,7 @@
-"""Scenes, tracks and beliefs in a browser, drawn with viser; what makes pictures and animations is in `viewer`.
-
-`pg.view(scene)` calls this package, which is why it can be called.
-"""
+"""Scenes, tracks and beliefs in a browser, drawn with viser; what makes pictures and animations is in `viewer`."""
 
 import os
-import sys
-import types
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pushgraph.extras import extra
 
@@ -46,13 +41,3 @@ def check_installed() -> None:
     """Raise MissingExtraError if viser is missing."""
     with extra("viewer", "the browser viewer"):
         import viser  # noqa: F401
-
-
-class _CalledAsItsFunction(types.ModuleType):
-    """Importing a module of a package makes the package an attribute of `pushgraph`, in the place of the function."""
-
-    def __call__(self, *arguments: Any, **options: Any) -> "Page":
-        return view(*arguments, **options)
-
-
-sys.modules[__name__].__class__ = _CalledAsItsFunction

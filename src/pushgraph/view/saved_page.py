@@ -30,7 +30,19 @@ font:12px/1.4 system-ui,sans-serif;background:#ffffffe6;color:#222;box-shadow:0 
 #pushgraph summary{cursor:pointer;font-weight:600}#pushgraph details{max-height:14em;overflow:auto}
 @media (prefers-color-scheme:dark){#pushgraph{background:#222222e6;color:#eee}}
 """
-_HINT = "Space plays and rests. Drag turns the view, right-drag moves it, the wheel zooms."
+_KEYS = """
+addEventListener("keydown", (event) => {
+  const by = { ArrowLeft: -0.1, ArrowRight: 0.1 }[event.code];
+  const time = document.querySelector("input.mantine-NumberInput-input");
+  if (!by || !time || event.target.matches("input")) return;
+  event.stopImmediatePropagation();
+  const value = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
+  value.set.call(time, Math.max(0, parseFloat(time.value) + by).toFixed(1));
+  time.dispatchEvent(new Event("input", { bubbles: true }));
+}, true);
+"""
+"""The arrow keys write another time (s) into the field of the time, as a person would."""
+_HINT = "Space plays and rests, ← and → step. Drag turns the view, right-drag moves it, the wheel zooms."
 _MODE = "window.__VISER_EMBED_CONFIG__={darkMode:matchMedia('(prefers-color-scheme: dark)').matches}"
 
 
@@ -93,6 +105,6 @@ def _explained(page: str, title: str, text: str) -> str:
     head = f'<meta http-equiv="Content-Security-Policy" content="{_RULES}"><title>{name}</title><style>{_STYLE}</style>'
     box = f'<details id="pushgraph" open><summary>{name}</summary>{text}<small>{_HINT}</small></details>'
     page = page.replace("<head>", f"<head>{head}", 1).replace("<title>Viser</title>", "", 1)
-    page = page.replace("</head>", f"<script>{_MODE}</script></head>", 1)
+    page = page.replace("</head>", f"<script>{_MODE};{_KEYS}</script></head>", 1)
     start, end = page.rsplit("</body>", 1)
     return f"{start}{box}</body>{end}"

@@ -9,6 +9,8 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pushgraph.errors import PushGraphError
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
@@ -46,6 +48,8 @@ class Session:
         self._unpredictable: object = None
         self._noted: Work | None = None
         self._shown_tracks: tuple[AnyTrack | None, AnyTrack | None] = (None, None)
+        self.show_next: float | None = None
+        """The time (s) that shall be shown next; None: that which is shown, or the start of what is new."""
         self.believed = False
         """Whether predictions take the joints that are believed, while there are beliefs."""
         self.chosen: tuple[str, str] = ("", "")
@@ -76,7 +80,7 @@ class Session:
         colour = "#d55e00" if refused else "inherit"
         title = "<b>Refused.</b> " if refused else ""
         self.message = shown
-        self._message.content = _block(f"{title}{html.escape(shown)}", colour) if shown else ""
+        self._message.content = block(f"{title}{html.escape(shown)}", colour) if shown else ""
 
     def show(self) -> None:
         """Bring drawing and controls up to date."""
@@ -156,7 +160,7 @@ class Session:
 
     def _show_notes(self) -> None:
         notes = [f"• {html.escape(note)}" for note in self.workbench.remarks()[:MOST_NOTES]]
-        self._notes.content = _block("\n".join(notes) or "Nothing is assumed, and nothing doubtful.")
+        self._notes.content = block("\n".join(notes) or "Nothing is assumed, and nothing doubtful.")
 
     def _refuse(self, text: str, client: Any) -> None:
         self.say(text, refused=True)
@@ -174,6 +178,10 @@ class Session:
         self.show_outcome(main)
         if before != (main, ghost) or self._shown is None:
             self.timeline.refresh()
+        if self.show_next is not None:
+            frame = int(np.searchsorted(self.drawing.times, self.show_next, side="right")) - 1
+            self.timeline.step(frame - self.drawing.frame)
+            self.show_next = None
         self._shown_tracks = (main, ghost)
 
     def show_outcome(self, track: AnyTrack | None) -> None:
@@ -186,6 +194,7 @@ class Session:
         self._show_work(self.workbench.work)
 
 
-def _block(written: str, colour: str = "inherit") -> str:
+def block(written: str, colour: str = "inherit") -> str:
+    """Text as HTML, which was escaped, in the look of the panel."""
     style = f"padding:0.25em 0.75em;overflow-wrap:anywhere;white-space:pre-wrap;font-size:0.875em;color:{colour}"
     return f'<div style="{style}">{written}</div>'

@@ -53,3 +53,10 @@ def offer(dropdown: Any, options: Iterable[str], chosen: str | None = None) -> N
         dropdown.options = there
     if chosen in there and dropdown.value != chosen:
         dropdown.value = chosen
+
+
+def offer_pair(one: Any, other: Any, names: Sequence[str]) -> None:
+    """Give two lists the same names; at first the first two."""
+    anew = tuple(other.options) != tuple(names)
+    offer(one, names)
+    offer(other, names, names[1] if anew and len(names) > 1 and other.value not in names[1:] else None)

@@ -4,7 +4,7 @@ from typing import Any, get_args
 
 from pushgraph.body import JointKind
 from pushgraph.scene import Scene
-from pushgraph.view.panel.controls import NONE, Controls, offer
+from pushgraph.view.panel.controls import NONE, Controls, offer_pair
 
 
 class JointControls(Controls):
@@ -26,8 +26,7 @@ class JointControls(Controls):
         """List the bodies."""
         scene = self.workbench.scene
         names = scene.names if isinstance(scene, Scene) else ()
-        offer(self.parent, names)
-        offer(self.child, names)
+        offer_pair(self.parent, self.child, names)
 
     def _join(self) -> None:
         joint: dict[str, Any] = {

@@ -1,5 +1,10 @@
 """Which tracks are shown, and with which joints they are predicted."""
 
+import math
+
+import numpy as np
+
+from pushgraph.track import Track
 from pushgraph.view.panel.controls import NONE, Controls, offer
 
 
@@ -10,12 +15,32 @@ class DeedControls(Controls):
         """Add the controls where the GUI stands."""
         self.buttons(
             "Do",
-            {"Predict": self._predict, "Simulate": self.workbench.simulate, "Undo": self.workbench.undo},
+            {"Predict": self._predict, "Simulate": self._simulate, "Undo": self.workbench.undo},
             "Predictions are made anew after every change; MuJoCo's simulation is shown beside it, as a ghost",
         )
 
-    def _predict(self) -> None:
+    def _predict(self) -> str:
         self.workbench.predict(self.session.believed)
+        return self._apart()
+
+    def _simulate(self) -> str:
+        self.workbench.simulate()
+        return self._apart()
+
+    def _apart(self) -> str:
+        """Go to the end, where the moving track and its ghost differ most, and say by how much."""
+        self.session.show_next = math.inf
+        main, ghost = self.session.tracks()
+        if not isinstance(main, Track) or not isinstance(ghost, Track):
+            return ""
+        off = 100 * np.hypot(*(main.poses[-1, 1:, :2] - ghost.poses[-1, 1:, :2]).T)
+        if not np.isfinite(off).any():
+            return ""
+        farthest = int(np.nanargmax(off))
+        return (
+            f"In the end the ghosts (see Pushes, Ghost) are {np.nanmean(off):.2f} cm away on average; the farthest is "
+            f"{main.scene.names[farthest]!r}, {off[farthest]:.2f} cm. Play to see how they come there."
+        )
 
 
 class TrackControls(Controls):
