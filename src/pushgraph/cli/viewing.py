@@ -1,5 +1,7 @@
 """The command view."""
 
+import os
+import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -66,6 +68,11 @@ def view(
         page.ready()
     console.print(f"The page is at {page.url}; Ctrl-C ends it.", highlight=False, markup=False)
     warn(page.said)
-    if browser:
+    if browser and _has_desktop():
         webbrowser.open(page.url)
     page.wait()
+
+
+def _has_desktop() -> bool:
+    """Whether a browser would open in a window of its own, not in this terminal."""
+    return sys.platform in ("win32", "darwin") or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))

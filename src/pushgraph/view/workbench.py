@@ -1,11 +1,10 @@
-"""What people try out on one scene: edits, predictions, simulations, beliefs, plans. It knows no browser."""
+"""What people try out on one scene beyond editing it: predictions, simulations, beliefs, plans, files; no browser."""
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from pushgraph.belief_history import BeliefHistory, Watching
 from pushgraph.errors import AssumptionWarning, BeliefError, PlanningError, SceneError
@@ -15,7 +14,6 @@ from pushgraph.lever_track import LeverTrack
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning import planner
 from pushgraph.planning.dynamics import learned
-from pushgraph.planning.goal import Goal
 from pushgraph.planning.sampling import Sampling
 from pushgraph.plausibility import assumptions, remarks
 from pushgraph.scene import Scene
@@ -23,112 +21,29 @@ from pushgraph.simulation.lever import simulate_lever
 from pushgraph.simulation.planar import simulate
 from pushgraph.storage import replacing
 from pushgraph.track import Track
-from pushgraph.view import scene_edits
+from pushgraph.view.editing import Editing
 from pushgraph.view.folder import Folder
 from pushgraph.view.opening import Opened, open_file
-from pushgraph.view.scene_edits import Content
-from pushgraph.view.work import MOST_FRAMES, AnyTrack, Work, alike, check_length, end_of_push, like, work_on
+from pushgraph.view.work import MOST_FRAMES, AnyTrack, alike, check_length, end_of_push, like, work_on
 
 PREDICTED, SIMULATED = "Predicted", "Simulated"
-MOST_UNDONE = 100
 SAVED = {"scene": ".json", "predicted": ".h5", "simulated": ".h5", "beliefs": ".json", "plan": ".json"}
 """What can be saved, and how the names of such files end."""
 
 
-class Workbench:
+class Workbench(Editing):
     """The state that all browsers share. What is refused raises a PushGraphError and leaves everything as it was.
 
     folder: where `save` and `load` find files by name.
     """
 
     def __init__(self, shown: Opened, folder: Folder, title: str = "scene", compare: AnyTrack | None = None) -> None:
-        self.folder = folder
-        self._past: list[Work] = []
-        self._foreseen: Track | None = None
-        self.work = work_on(shown, title)
+        work = work_on(shown, title)
         if compare is not None:
-            self.work = dataclasses.replace(
-                self.work, tracks=dict(self.work.tracks) | {"Compared": like(self.work, compare)}
-            )
-
-    @property
-    def scene(self) -> Scene | LeverScene:
-        """The scene as it is now."""
-        return self.work.scene
-
-    @property
-    def planar(self) -> Scene:
-        """The scene; raises SceneError if it is one in space, which is watched but not edited here."""
-        if isinstance(self.work.scene, LeverScene):
-            raise SceneError("scenes in space are shown, predicted and simulated here, but not edited")
-        return self.work.scene
-
-    # Edits of the scene. What was computed for the scene before is gone; beliefs and goal stay while bodies do.
-
-    def add_body(self, body: Content) -> None:
-        """A body as it stands in a scene file."""
-        self._edit(scene_edits.add_body(self.planar, body))
-
-    def change_body(self, name: str, fields: Content, place: Sequence[float] | None = None) -> None:
-        """Other fields of a body, and another pose."""
-        self._edit(scene_edits.change_body(self.planar, name, fields, place))
-
-    def move_body(self, name: str, point: Sequence[float]) -> None:
-        """Its frame to another place (m), turned as it is."""
-        yaw = 0.0 if name not in self.planar.names else self._pose(name)[2]
-        self._edit(scene_edits.place_body(self.planar, name, [*point, yaw]))
-
-    def turn_body(self, name: str, yaw: float) -> None:
-        """About its origin, to this yaw (rad)."""
-        here = (0.0, 0.0) if name not in self.planar.names else self._pose(name)[:2]
-        self._edit(scene_edits.place_body(self.planar, name, [*here, yaw]))
-
-    def place_body(self, name: str, place: Sequence[float]) -> None:
-        """To a pose x, y (m), yaw (rad)."""
-        self._edit(scene_edits.place_body(self.planar, name, place))
-
-    def delete(self, name: str) -> None:
-        """A body, with its joints."""
-        self._edit(scene_edits.delete_body(self.planar, name))
-
-    def join(self, joint: Content) -> None:
-        """A joint as it stands in a scene file."""
-        self._edit(scene_edits.join(self.planar, joint))
-
-    def part(self, one: str, other: str) -> None:
-        """Take the joint of two bodies away."""
-        self._edit(scene_edits.part(self.planar, one, other))
-
-    def add_push(self, push: Content | None = None) -> None:
-        """A push as it stands in a scene file; by default one towards the first body that can move."""
-        self._edit(scene_edits.add_push(self.planar, push))
-
-    def change_push(self, push: int, fields: Content) -> None:
-        """Other fields of a push, by index."""
-        self._edit(scene_edits.change_push(self.planar, push, fields))
-
-    def move_push_end(self, push: int, end: str, point: Sequence[float]) -> None:
-        """The "start" or the "end" of a push, by index, to another place (m)."""
-        self._edit(scene_edits.move_push_end(self.planar, push, end, point))
-
-    def delete_push(self, push: int) -> None:
-        """A push, by index."""
-        self._edit(scene_edits.delete_push(self.planar, push))
-
-    def set_goal(self, goal: Content | None) -> None:
-        """Where a body shall be, with the fields of a `Goal`; None: nowhere."""
-        wanted = None if goal is None else Goal(**goal)
-        if wanted is not None:
-            wanted.check(self.planar)
-        self._become(goal=wanted, plan=None)
-
-    def undo(self) -> None:
-        """The last change."""
-        if not self._past:
-            raise SceneError("there is nothing to undo")
-        self.work = self._past.pop()
-
-    # What comes of it.
+            work = dataclasses.replace(work, tracks=dict(work.tracks) | {"Compared": like(work, compare)})
+        super().__init__(work)
+        self.folder = folder
+        self._foreseen: Track | None = None
 
     def foreseen(self, scene: Scene) -> Track:
         """What a scene's pushes are predicted to do, with the spread; changes nothing.
@@ -252,19 +167,6 @@ class Workbench:
         if self.work.history is None:
             raise BeliefError("there are no beliefs yet: step them through a track, or load some")
         return self.work.history
-
-    def _pose(self, name: str) -> list[float]:
-        return self.planar.poses_world_from_body[self.planar.names.index(name)].tolist()
-
-    def _become(self, **changes: Any) -> None:
-        self._past = [*self._past[1 - MOST_UNDONE :], self.work]
-        self.work = dataclasses.replace(self.work, **changes)
-
-    def _edit(self, scene: Scene) -> None:
-        old = self.work
-        same = scene.names == old.scene.names
-        goal = old.goal if old.goal is not None and old.goal.body in scene.names else None
-        self._become(scene=scene, tracks={}, plan=None, goal=goal, watching=None, history=old.history if same else None)
 
     def _add_track(self, title: str, track: AnyTrack) -> None:
         """What follows from the scene is not undone by itself."""
