@@ -57,7 +57,7 @@ def rewrite(path: Path, edit, rehash: bool = True) -> None:
         (
             lambda h, t: h.update(kind="magic"),
             True,
-            "no network 'magic'; valid: propnet, contact, belief, paper_recipe, spread",
+            "no network 'magic'; valid: propnet, contact, image, belief, paper_recipe, spread",
         ),
         (lambda h, t: h["schema"]["edge_features"].pop(), True, r"other features \(edge_features\)"),
         (lambda h, t: h["config"].update(hidden=9), True, "do not fit its config"),

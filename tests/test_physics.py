@@ -55,7 +55,7 @@ def test_bfloat16_predicts_nearly_what_float32_does(model) -> None:
     assert rounded.dtype == exact.dtype
     off = np.abs(rounded - exact)[:, 1:, :2].max()
     assert off < 0.05 * np.abs(exact[-1] - exact[0])[1:, :2].max()
-    assert (off > 0) == (model == "propnet")  # without a correction nothing of `contact` is rounded
+    assert (off > 0) == (model != "contact")  # without a correction nothing of `contact` is rounded
 
 
 def test_the_fastest_precision_is_one_of_both_and_timed_once() -> None:

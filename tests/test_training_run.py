@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import types
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,15 @@ def metrics(folder: Path) -> list[dict[str, str]]:
                 for row in csv.DictReader(file)]  # fmt: skip
 
 
-def test_an_interrupted_run_goes_on_by_the_command_it_names(data, tmp_path: Path, capsys) -> None:
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C interrupts, as in a terminal: processes in the background are begun with it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupted_run_goes_on_by_the_command_it_names(data, interruptible, tmp_path: Path, capsys) -> None:
     training = PhysicsTraining(**data, **TINY)
     whole, run = (TrainingRun(out=str(tmp_path / f"{name}.safetensors")) for name in ("whole", "parts"))
     train_physics(training, whole)

@@ -78,7 +78,7 @@ class PhysicsTraining(_Propagating):
     TASK: ClassVar[str] = "physics"
 
     model: str = "contact"
-    """contact (ours), propnet (the paper's), or a registered one."""
+    """contact (ours), propnet or image (the paper's), or a registered one."""
     samples: Count = 20_000_000
     """Predicted frames of training windows, all in all."""
     frames: Count = 4
