@@ -71,8 +71,10 @@ def test_the_page_holds_every_experiment_and_loads_nothing(measured, tmp_path) -
     text = page.read_text()
     sources = Sources()
     sources.feed(text)
-    assert all(source.startswith("data:image/png;base64,") for source in sources.found)
-    assert len(sources.found) == sum(len(experiment.figures) for experiment in EXPERIMENTS)
+    pictures = [source for source in sources.found if source.startswith("data:image/png;base64,")]
+    assert len(pictures) == sum(len(experiment.figures) for experiment in EXPERIMENTS)
+    assert {*sources.found} - {*pictures} == {"replays/demo.html", "replays/lever-up.html"}
+    assert (tmp_path / "replays" / "demo.html").stat().st_size > 100_000
     assert sources.tables >= 1
     for experiment, arguments in zip(EXPERIMENTS, measured, strict=True):
         assert f"<h2>{experiment.title}</h2>" in text

@@ -9,6 +9,7 @@ from pushgraph.cores import usable_cores
 from pushgraph.errors import ReportError
 from pushgraph.report.experiments import EXPERIMENTS, SIZES, Experiment
 from pushgraph.report.page import Picture, Section, markdown, save_page
+from pushgraph.report.replays import save_replays
 from pushgraph.report.suites import Made, hashes_of_weights, run_or_reuse
 from pushgraph.report.tables import Table, table_of
 
@@ -45,6 +46,8 @@ def make_report(
         made = run_or_reuse(arguments, out / experiment.name, output)
         seconds += made.seconds
         sections.append(section_of(experiment, made))
+    if not only:
+        sections.append(_replays(out))
     return save_page(markdown(TITLE, _introduction(size, seconds), sections, out), out)
 
 
@@ -54,6 +57,16 @@ def section_of(experiment: Experiment, made: Made) -> Section:
     text = (f"> The paper. {experiment.paper}", f"Made by `{made.origin.command}` in {made.seconds:,.0f} s.")
     tables = [table_of(view, made.rows) for view in experiment.views]
     return Section(experiment.title, text, [table for table in tables if table.cells], pictures)
+
+
+def _replays(out: Path) -> Section:
+    pages = save_replays(out / "replays")
+    links = [f"- [{shows}]({page.relative_to(out)})" for shows, page in pages.items()]
+    text = (
+        "Predicted, and simulated as ghosts; each page replays in a browser without Python and without network.",
+        "\n".join(links),
+    )
+    return Section("Replays", text)
 
 
 def _introduction(size: str, seconds: float) -> list[str]:
