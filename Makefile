@@ -83,11 +83,8 @@ weights-propnet: data
 	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
 
 weights-image: data
-	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 153000 --frames 4 --batch 64 --learning-rate 1e-3 \
-	  --hidden 128 --propagation-steps 3 --run-folder $(RUNS)/image-1 --out $(CACHE)/image-1.safetensors
-	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 100000 --frames 8 --batch 32 --learning-rate 7e-4 \
-	  --hidden 128 --propagation-steps 3 --seed 1 --start-from $(CACHE)/image-1.safetensors --run-folder $(RUNS)/image \
-	  --out $(BASELINES)/image.safetensors
+	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 253000 --frames 8 --batch 32 --learning-rate 1e-3 \
+	  --hidden 128 --propagation-steps 3 --run-folder $(RUNS)/image --out $(BASELINES)/image.safetensors
 
 weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 1200000 --learning-rate 2e-3 --out $(CACHE)/belief-1.safetensors
