@@ -25,7 +25,7 @@ class Experiment:
 
 
 SIZES = ("quick", "normal", "full")
-"""How much a report measures: a few minutes, about two hours, or as much as the paper, which takes a night."""
+"""How much a report measures: a few minutes, half an hour, or as much as the paper, which takes a night."""
 _ROLLOUT = {"mean error (cm)": "mean_error_cm", "final, moved (cm)": "final_error_moved_cm"}
 
 
@@ -44,7 +44,7 @@ EXPERIMENTS = (
         "images has its errors at the high end. Its simulator and data are not available: `propnet` and "
         "`image` are the paper's two networks, trained and measured here.",
         command=("evaluate", "physics"),
-        counts=_count(6, 120, 1000, *NINE),
+        counts=_count(6, 40, 1000, *NINE),
         views=(
             View(
                 "Rollouts, 95 % intervals in brackets",
@@ -61,7 +61,7 @@ EXPERIMENTS = (
         paper="Accuracy, precision and recall rise with observed frames; fixed and revolute are confused until they"
         " are touched; independent of the number of objects.",
         command=("evaluate", "belief"),
-        counts=_count(6, 120, 1000, *NINE),
+        counts=_count(6, 40, 1000, *NINE),
         views=(
             View(
                 "Pairs that were touched: share told right, and expected calibration error",
@@ -81,7 +81,7 @@ EXPERIMENTS = (
         title="Both together: prediction with believed joints",
         paper="After 40 observed frames the error with believed joints has come down to that with true ones.",
         command=("evaluate", "coupled"),
-        counts=_count(6, 120, 1000, *NINE),
+        counts=_count(6, 40, 1000, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -98,7 +98,7 @@ EXPERIMENTS = (
         paper="The mean error of masses comes down to 2.7 kg; always answering the median errs by 3.0 kg. What "
         "motion can tell are ratios of bodies that touched: `ratio_observer` knows those.",
         command=("evaluate", "masses"),
-        counts=_count(6, 120, 1000, *NINE),
+        counts=_count(6, 40, 1000, *NINE),
         views=(
             View(
                 "Masses after 200 observed frames",
@@ -136,7 +136,7 @@ EXPERIMENTS = (
         title="Prediction with believed masses",
         paper="The paper has no number.",
         command=("evaluate", "coupled-masses"),
-        counts=_count(6, 120, 500, *NINE),
+        counts=_count(6, 40, 500, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -170,7 +170,7 @@ EXPERIMENTS = (
         command=("evaluate", "clutter"),
         counts={
             "quick": ("--count", "2", "--contender", "belief", "--contender", "no_joint"),
-            "normal": ("--count", "20"),
+            "normal": ("--count", "10"),
             "full": ("--count", "60"),
         },
         views=(
@@ -204,7 +204,7 @@ EXPERIMENTS = (
         title="Levering a board out of a drive, in 6D",
         paper="Plausible motions; the paper has no number.",
         command=("evaluate", "lever-up"),
-        counts=_count(4, 120, 120),
+        counts=_count(4, 24, 120),
         views=(
             View(
                 "Boards that were raised, medians",
@@ -220,7 +220,7 @@ EXPERIMENTS = (
         title="How sure predictions are",
         paper="Not in the paper.",
         command=("evaluate", "spread"),
-        counts=_count(6, 120, 200, *NINE),
+        counts=_count(6, 40, 200, *NINE),
         views=(
             View(
                 "Share of bodies that moved whose true place lies within the stated 68 % and 95 %",
