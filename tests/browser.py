@@ -62,9 +62,16 @@ def browser() -> Iterator[object]:
 
 @contextmanager
 def opened(
-    chromium: object, address: str | Path, size: tuple[int, int] = (900, 640), *, drawing: bool = True, **context
+    chromium: object,
+    address: str | Path,
+    size: tuple[int, int] = (900, 640),
+    *,
+    drawing: bool = True,
+    shows: str = "canvas",
+    **context,
 ) -> Iterator[Opened]:
-    """Open a server's address, or a file with the network cut off. drawing: False to leave out the graphics."""
+    """Open a server's address, or a file with the network cut off. drawing: False to leave out the graphics. shows: the
+    element that is waited for."""
     offline = isinstance(address, Path)
     url = address.resolve().as_uri() if offline else address
     with_context = chromium.new_context(viewport={"width": size[0], "height": size[1]}, offline=offline, **context)
@@ -79,7 +86,7 @@ def opened(
     page.on("request", lambda asked: seen.requests.append(asked.url) if not _own(asked.url, url) else None)
     try:
         page.goto(url)
-        page.wait_for_selector("canvas")
+        page.wait_for_selector(shows)
         yield seen
     finally:
         with_context.close()

@@ -108,7 +108,8 @@ def test_ray_writes_the_same_bytes(small: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "data.h5") == digest(small)
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [10])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(kills: int, tmp_path: Path) -> None:
     """Half of the kills come soon after the start, half soon after a further block is done; half are Ctrl-C."""
     recipe = {"setup": "multiple-parts", "objects": 4, "count": 48, "seed": 8}

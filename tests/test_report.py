@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import browser, opened
 from matplotlib.figure import Figure
 
 from pushgraph.cli import main
@@ -82,6 +83,19 @@ def test_the_page_holds_every_experiment_and_loads_nothing(measured, tmp_path) -
     named = re.findall(r"!\[.*\]\((.*)\)", markdown.read_text())
     assert named
     assert all((tmp_path / name).is_file() for name in named)
+
+
+@pytest.mark.slow
+def test_the_page_is_whole_in_a_real_browser_without_a_network(measured, tmp_path) -> None:
+    _, page = making.make_report(tmp_path, "quick")
+    with browser() as chromium, opened(chromium, page, shows="table", color_scheme="dark") as seen:
+        sizes = seen.page.eval_on_selector_all("img", "pictures => pictures.map(picture => picture.naturalWidth)")
+        assert all(size > 0 for size in sizes)
+        wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+        assert seen.page.evaluate(wide) <= 0
+        assert len(seen.page.screenshot(full_page=True)) > 20_000
+        assert not seen.errors
+        assert not seen.requests
 
 
 def test_results_are_reused_only_of_the_same_command_code_and_weights(measured, tmp_path, monkeypatch) -> None:

@@ -51,7 +51,7 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
     return load_checkpoint(path).network.state_dict()
 
 
-@pytest.mark.parametrize("model", ["contact", "propnet"])
+@pytest.mark.parametrize("model", [pytest.param("contact", marks=pytest.mark.slow), "propnet"])
 def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path) -> None:
     training = PhysicsTraining(model=model, **data, samples=1600, learning_rate=3e-3, **TINY)
     train_physics(training, TrainingRun(out=str(tmp_path / "out.safetensors")))

@@ -44,7 +44,7 @@ EXPERIMENTS = (
         "images has its errors at the high end. Its simulator and data are not available: `propnet` and "
         "`image` are the paper's two networks, trained and measured here.",
         command=("evaluate", "physics"),
-        counts=_count(6, 40, 1000, *NINE),
+        counts=_count(6, 20, 1000, *NINE),
         views=(
             View(
                 "Rollouts, 95 % intervals in brackets",
@@ -61,7 +61,7 @@ EXPERIMENTS = (
         paper="Accuracy, precision and recall rise with observed frames; fixed and revolute are confused until they"
         " are touched; independent of the number of objects.",
         command=("evaluate", "belief"),
-        counts=_count(6, 40, 1000, *NINE),
+        counts=_count(6, 20, 1000, *NINE),
         views=(
             View(
                 "Pairs that were touched: share told right, and expected calibration error",
@@ -81,7 +81,7 @@ EXPERIMENTS = (
         title="Both together: prediction with believed joints",
         paper="After 40 observed frames the error with believed joints has come down to that with true ones.",
         command=("evaluate", "coupled"),
-        counts=_count(6, 40, 1000, *NINE),
+        counts=_count(6, 20, 1000, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -98,7 +98,7 @@ EXPERIMENTS = (
         paper="The mean error of masses comes down to 2.7 kg; always answering the median errs by 3.0 kg. What "
         "motion can tell are ratios of bodies that touched: `ratio_observer` knows those.",
         command=("evaluate", "masses"),
-        counts=_count(6, 40, 1000, *NINE),
+        counts=_count(6, 20, 1000, *NINE),
         views=(
             View(
                 "Masses after 200 observed frames",
@@ -134,9 +134,9 @@ EXPERIMENTS = (
     Experiment(
         name="coupled-masses",
         title="Prediction with believed masses",
-        paper="The paper has no number.",
+        paper="no number.",
         command=("evaluate", "coupled-masses"),
-        counts=_count(6, 40, 500, *NINE),
+        counts=_count(6, 20, 500, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -166,7 +166,7 @@ EXPERIMENTS = (
     Experiment(
         name="clutter",
         title="Bringing bodies to goals among jointed ones",
-        paper="Not in the paper.",
+        paper="not studied.",
         command=("evaluate", "clutter"),
         counts={
             "quick": ("--count", "2", "--contender", "belief", "--contender", "no_joint"),
@@ -202,7 +202,7 @@ EXPERIMENTS = (
     Experiment(
         name="lever-up",
         title="Levering a board out of a drive, in 6D",
-        paper="Plausible motions; the paper has no number.",
+        paper="Plausible motions; no number.",
         command=("evaluate", "lever-up"),
         counts=_count(4, 24, 120),
         views=(
@@ -218,9 +218,9 @@ EXPERIMENTS = (
     Experiment(
         name="spread",
         title="How sure predictions are",
-        paper="Not in the paper.",
+        paper="not studied.",
         command=("evaluate", "spread"),
-        counts=_count(6, 40, 200, *NINE),
+        counts=_count(6, 20, 200, *NINE),
         views=(
             View(
                 "Share of bodies that moved whose true place lies within the stated 68 % and 95 %",

@@ -54,7 +54,7 @@ def make_report(
 def section_of(experiment: Experiment, made: Made) -> Section:
     """What the page says of one experiment."""
     pictures = [Picture(made.folder / file, shows) for file, shows in experiment.figures.items()]
-    text = (f"> The paper. {experiment.paper}", f"Made by `{made.origin.command}` in {made.seconds:,.0f} s.")
+    text = (f"> **The paper:** {experiment.paper}", f"Made by `{made.origin.command}` in {made.seconds:,.0f} s.")
     tables = [table_of(view, made.rows) for view in experiment.views]
     return Section(experiment.title, text, [table for table in tables if table.cells], pictures)
 
