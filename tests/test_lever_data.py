@@ -130,7 +130,7 @@ def test_the_command_shows_boards_beside_the_truth(tmp_path: Path, capsys) -> No
     (network,) = (
         row["value"]
         for row in rows
-        if row["model"] == "network"
+        if row["model"] == "lever_up"
         and (row["metric"], row["subset"], row["side"], row["ledge"])
         == ("final_position_error_mm", "all", "all", "all")
     )

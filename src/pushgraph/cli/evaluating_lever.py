@@ -10,7 +10,7 @@ from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from pushgraph.cli.output import BAR, console
-from pushgraph.cli.suites import CORES, Out, Seed, Workers, say_written, without_data
+from pushgraph.cli.suites import CORES, Models, Out, Seed, Workers, models_of, say_written, without_data
 
 if TYPE_CHECKING:
     from pushgraph.evaluation.lever_up import LeverCase
@@ -26,27 +26,25 @@ def lever_up(
     count: Annotated[int, typer.Option(min=1, help="Drives, each levered from its four sides.")] = 120,
     seed: Seed = 1_000_000,
     out: Out = Path("evaluation-lever-up"),
-    network: Annotated[str, typer.Option(help="Checkpoint to measure as network; none: only what beside it is.")] = (
-        "lever_up"
-    ),
+    model: Models = None,
     data: Annotated[str | None, _NO_DATA] = None,
     workers: Workers = CORES,
 ) -> None:
     """Predict boards that are levered up out of drives never seen, beside two baselines and the noise floor.
 
     still: the board stays; rigid: it moves with the screwdriver once touched; noise_floor: the simulator itself,
-    started 1 mm and 0.5 degree beside. Pictures and animations show two raised boards: the network's error is the
+    started 1 mm and 0.5 degree beside. Pictures and animations show two raised boards: the first model's error is the
     median there, or the largest; transparent is where the board truly is.
 
     Examples:
 
     `pushgraph evaluate lever-up --count 120 --out result`
 
-    `pushgraph evaluate lever-up --count 32 --network none`
+    `pushgraph evaluate lever-up --count 32 --model lever_up --model mine=my.safetensors`
     """
-    from pushgraph.evaluation.lever_up import evaluate_lever_up
+    from pushgraph.evaluation.lever_up import BASELINES, NOISE_FLOOR, evaluate_lever_up
 
-    models = {} if network == "none" else {"network": network}
+    models = models_of(model, ("lever_up", "lever_up_propnet"), (*BASELINES, NOISE_FLOOR))
     with Progress(*BAR, console=console) as progress:
         task = progress.add_task("drives", total=count)
         results, cases = evaluate_lever_up(count, seed, models, workers, partial(_show, progress, task))
@@ -54,9 +52,8 @@ def lever_up(
     for subset in ("all", "raised"):
         console.print(_table(results, subset, len(cases) if subset == "all" else sum(case.raised for case in cases)))
     console.print(_table_of_groups(results))
-    if models:
-        with console.status("Drawing"):
-            _show_cases(cases, seed, network, out)
+    with console.status("Drawing"):
+        _show_cases(cases, seed, next(iter(models.items())), out)
     say_written(out)
 
 
@@ -67,17 +64,18 @@ def _show(progress: Progress, task: TaskID, done: int) -> None:
     progress.update(task, completed=done)
 
 
-def _show_cases(cases: Sequence["LeverCase"], seed: int, network: str, out: Path) -> None:
+def _show_cases(cases: Sequence["LeverCase"], seed: int, model: tuple[str, str], out: Path) -> None:
     """Pictures and animations of the raised boards whose error is the median, and the largest."""
     from pushgraph.evaluation.lever_up import load_without_range, rigid
     from pushgraph.simulation.lever_setup import SIDES, draw_interaction
     from pushgraph.viewer.lever import save_lever_animation, save_lever_picture
 
-    predictor = load_without_range(network)
-    raised = sorted((case for case in cases if case.raised), key=lambda case: case.errors["network"].final_position)
+    shown, path = model
+    predictor = load_without_range(path)
+    raised = sorted((case for case in cases if case.raised), key=lambda case: case.errors[shown].final_position)
     for name, case in {"median": raised[len(raised) // 2], "largest": raised[-1]}.items() if raised else ():
         true = draw_interaction(seed, case.drive * len(SIDES) + SIDES.index(case.side)).track
-        tracks = {"Simulated": true, "Network": predictor.predict(true.scene), "Rigid": rigid(true.scene)}
+        tracks = {"Simulated": true, "Predicted": predictor.predict(true.scene), "Rigid": rigid(true.scene)}
         save_lever_picture(tracks, out / f"{name}.png")
         save_lever_animation(tracks, out / f"{name}.gif")
 
