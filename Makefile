@@ -15,7 +15,7 @@ RUNS := $(CACHE)/runs
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
 BELIEF := $(BIN)/pushgraph train belief
 
-.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-image weights-belief weights-paper-recipe weights-spread weights-lever-up data docs clean
+.PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-image weights-belief weights-paper-recipe weights-spread weights-lever-up data docs results clean
 
 install: $(VENV)/.tests
 
@@ -44,6 +44,14 @@ test-all: install lint
 # The documentation as a site, in site/.
 docs: install
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
+
+# docs/results.md: the report's Markdown of the shipped weights, and its figures.
+results: install
+	$(BIN)/pushgraph report --out $(CACHE)/report
+	for figure in $(CACHE)/report/*/*.png; do \
+	  suite=$$(basename $$(dirname $$figure)); grep -q "($$suite/$$(basename $$figure))" $(CACHE)/report/report.md || continue; \
+	  cp $$figure docs/images/results-$$suite-$$(basename $$figure); done
+	sed -e '/^## Replays/,$$d' -e 's#](\([a-z-]*\)/\([a-z_]*\.png\))#](images/results-\1-\2)#' $(CACHE)/report/report.md > docs/results.md
 
 lint: install
 	$(BIN)/ruff check .
