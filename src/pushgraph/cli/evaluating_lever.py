@@ -97,9 +97,10 @@ def _table_of_groups(results: "Results") -> Table:
     from pushgraph.simulation.lever_setup import SIDES
 
     models = list(dict.fromkeys(row["model"] for row in results.rows))
-    table = Table(title="Raised boards: mm / degrees at the end, medians")
-    for name in ("", *models):
-        table.add_column(name.replace("_", " "), justify="right" if name else "left", no_wrap=True)
+    table = Table(title="Raised boards: mm / degrees at the end, medians", pad_edge=False)
+    table.add_column("", no_wrap=True, min_width=len("with a ledge"))
+    for name in models:
+        table.add_column(name.replace("_", " "), justify="right")
     values = _values(results, "raised")
     groups = {f"{side} side": (side, "all") for side in SIDES}
     groups |= {"with a ledge": ("all", "with"), "without": ("all", "without")}
