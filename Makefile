@@ -90,6 +90,7 @@ weights-propnet: data
 	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
 	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
 
+# The shipped ones had these samples in two stages: docs/experiments.md.
 weights-image: data
 	$(BIN)/pushgraph train physics $(PARTS) --model image --samples 253000 --frames 8 --batch 32 --learning-rate 1e-3 \
 	  --hidden 128 --propagation-steps 3 --run-folder $(RUNS)/image --out $(BASELINES)/image.safetensors

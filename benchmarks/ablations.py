@@ -99,7 +99,7 @@ class WithoutMemory(ContactDynamics):
 
 
 class NotHeld(ContactDynamics):
-    """The contact solve that forgives joints what they have drifted, in every frame."""
+    """The contact solve that forgives hinges what they have drifted, in every frame."""
 
     def forward(self, state: State, control: Control) -> Advance:
         relations, (pose_a, pose_b) = state.relations, _ends(state)

@@ -1,5 +1,6 @@
 """The report: tables of rows, one page that needs no other file, results that are reused only where they may be."""
 
+import itertools
 import json
 import re
 from html.parser import HTMLParser
@@ -36,6 +37,18 @@ def test_a_table_shows_the_rows_that_are_asked_for_and_leaves_out_lines_without_
     ]
 
 
+@pytest.mark.parametrize(
+    ("view", "says"),
+    [
+        (View("Errors", ("model",), {"error (cm)": "eror_cm"}), "metric is 'eror_cm'; there are: error_cm, share"),
+        (View("Errors", ("model",), {"error (cm)": "error_cm"}, {"frames": (30, 50)}), "frames is 50; there are: 30"),
+    ],
+)
+def test_a_table_of_what_no_row_holds_is_refused(view, says) -> None:
+    with pytest.raises(ReportError, match=says):
+        table_of(view, ROWS)
+
+
 class Sources(HTMLParser):
     """Everything that a page would load."""
 
@@ -49,6 +62,18 @@ class Sources(HTMLParser):
         self.found += [value for name, value in attrs if name in ("src", "href")]
 
 
+def rows_shown(name: str) -> list[dict]:
+    """A row for all that the tables of an experiment ask for."""
+    views = [view for experiment in EXPERIMENTS if experiment.name == name for view in experiment.views]
+    return [
+        {"model": "contact", "metric": metric, "value": 1.0, "low": 0.0, "high": 2.0}
+        | dict(zip(view.where, labels, strict=True))
+        for view in views
+        for labels in itertools.product(*view.where.values())
+        for metric in view.columns.values()
+    ]
+
+
 @pytest.fixture
 def measured(monkeypatch) -> list[list[str]]:
     """Suites that write the same rows and an empty figure at once; lists what was run."""
@@ -57,7 +82,7 @@ def measured(monkeypatch) -> list[list[str]]:
     def run(arguments, folder: Path, output) -> float:
         ran.append(list(arguments))
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "results.json").write_text(json.dumps({"rows": ROWS}))
+        (folder / "results.json").write_text(json.dumps({"rows": [*ROWS, *rows_shown(folder.name)]}))
         for experiment in EXPERIMENTS:
             for figure in experiment.figures:
                 Figure((1, 1)).savefig(folder / figure)

@@ -112,6 +112,14 @@ def node_poses(state: State, control: Control) -> Float[Tensor, "batch nodes 3"]
     return torch.cat((state.poses, pose.compose(control.pose[:, None], parts)), 1)
 
 
+def part_motions(state: State, control: Control, motion: Float[Tensor, "batch 3"]) -> Float[Tensor, "batch parts 3"]:
+    """How the tool's parts move where the tool moves so, in the world: x, y (m), yaw (rad)."""
+    arm = node_poses(state, control)[:, state.poses.shape[1] :, :2] - control.pose[:, None, :2]
+    swing = pose.rotate(arm, motion[:, None, 2].expand(arm.shape[:2])) - arm
+    turn = motion[:, None, 2:].expand(*arm.shape[:2], 1)
+    return torch.cat((motion[:, None, :2] + swing, turn), -1)
+
+
 def node_shapes(scenes: SceneBatch) -> RoundedBox:
     """Shapes of all bodies, then of the tool's parts, [batch nodes]."""
     return RoundedBox(*(torch.cat(ends, 1) for ends in zip(scenes.boxes, scenes.parts, strict=True)))

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.broad_phase import node_poses, node_shapes
+from pushgraph.graph.broad_phase import node_poses, node_shapes, part_motions
 from pushgraph.graph.pieces import Pieces, gather_pieces
 from pushgraph.graph.scene_batch import pair_index
 from pushgraph.graph.state import Control, State
@@ -55,17 +55,10 @@ def propnet_graph(state: State, control: Control) -> PropnetGraph:
     batch, bodies = poses.shape[:2]
     parts = scenes.parts.radius.shape[1]
     width = bodies + parts
-    all_poses = node_poses(state, control)
-    arm = all_poses[:, bodies:, :2] - control.pose[:, None, :2]
-    all_poses = all_poses.flatten(0, 1)
-
-    def part_motion(motion: Tensor) -> Tensor:
-        swing = pose.rotate(arm, motion[:, None, 2].expand(arm.shape[:2])) - arm
-        turn = motion[:, None, 2:].expand(*arm.shape[:2], 1)
-        return torch.cat((motion[:, None, :2] + swing, turn), -1)
-
-    velocity = torch.cat((state.motions, part_motion(control.last_motion)), 1).flatten(0, 1)
-    steer = torch.cat((torch.zeros_like(state.motions), part_motion(control.motion)), 1).flatten(0, 1)
+    all_poses = node_poses(state, control).flatten(0, 1)
+    velocity = torch.cat((state.motions, part_motions(state, control, control.last_motion)), 1).flatten(0, 1)
+    steer = torch.cat((torch.zeros_like(state.motions), part_motions(state, control, control.motion)), 1)
+    steer = steer.flatten(0, 1)
     half_extents, radius = (values.flatten(0, 1) for values in node_shapes(scenes))
     size = 2 * (half_extents + radius[:, None]) / SIZE
     cylinder = (radius > 0).float()

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.contact import RoundedBox
-from pushgraph.graph.broad_phase import LEVER, node_poses, node_shapes, tool_travel
+from pushgraph.graph.broad_phase import LEVER, node_poses, node_shapes, part_motions, tool_travel
 from pushgraph.graph.pieces import piece_index
 from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
 from pushgraph.graph.state import Control, State
@@ -61,12 +61,10 @@ def surroundings(state: State, control: Control) -> Surroundings:
     shapes = RoundedBox(*(values[scene].float() for values in node_shapes(scenes)))
     yaw = state.poses[scene, body, 2].float()
 
-    own_motions = torch.cat((state.motions[..., :2], _part_motion(state, control, control.last_motion)), 1)
-    steer = _part_motion(state, control, control.motion)
-    steer = torch.cat((torch.zeros_like(state.motions[..., :2]), steer), 1)
-    unit = length[:, None, None]
+    motions = torch.cat((state.motions, part_motions(state, control, control.last_motion)), 1)
+    steer = torch.cat((torch.zeros_like(state.motions), part_motions(state, control, control.motion)), 1)
     moved, steered = (
-        pose.rotate(values[scene].float(), -yaw[:, None]) / unit for values in (own_motions, steer)
+        pose.rotate(values[scene, :, :2].float(), -yaw[:, None]) / length[:, None, None] for values in (motions, steer)
     )
     kinds = _kinds(state, bodies)[scene, body]
     there = torch.cat((scenes.present, scenes.part_present & control.down[:, None]), 1)[scene]
@@ -89,13 +87,6 @@ def surroundings(state: State, control: Control) -> Surroundings:
         -1,
     )
     return Surroundings(torch.cat(images, 1), vectors, scene * bodies + body, length)
-
-
-def _part_motion(state: State, control: Control, motion: Tensor) -> Float[Tensor, "batch parts 2"]:
-    parts = pose.compose(control.pose[:, None], state.scenes.pose_tool_from_part.to(control.pose.dtype))
-    arm = parts[..., :2] - control.pose[:, None, :2]
-    swing = pose.rotate(arm, motion[:, None, 2].expand(arm.shape[:2])) - arm
-    return motion[:, None, :2] + swing
 
 
 def _kinds(state: State, bodies: int) -> Tensor:

@@ -194,7 +194,7 @@ EXPERIMENTS = (
                 "Final error",
                 ("start", "model"),
                 {"error (cm)": "final_error_cm", "they moved (cm)": "motion_cm"},
-                {"start": ("t", "t+4", 20, 40, 80, "all")},
+                {"start": ("contact", "contact+4", 20, 40, 80, "all")},
             ),
         ),
         figures={"curves.png": "Final error, from first contact on and over observed frames"},

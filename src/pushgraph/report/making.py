@@ -8,7 +8,7 @@ from pathlib import Path
 from pushgraph.cores import usable_cores
 from pushgraph.errors import ReportError
 from pushgraph.report.experiments import EXPERIMENTS, SIZES, Experiment
-from pushgraph.report.page import Picture, Section, markdown, save_page
+from pushgraph.report.page import Picture, Section, lines_of, markdown, save_page
 from pushgraph.report.replays import save_replays
 from pushgraph.report.suites import Made, hashes_of_weights, run_or_reuse
 from pushgraph.report.tables import Table, table_of
@@ -73,11 +73,10 @@ def _introduction(size: str, seconds: float) -> list[str]:
     weights = Table("Weights", ("name", "SHA-256"), [(name, f"`{told}`") for name, told in hashes_of_weights().items()])
     packages = ", ".join(f"{name} {version(name)}" for name in ("pushgraph", "torch", "mujoco", "numpy", "numba"))
     machine = f"{platform.machine()}, {usable_cores()} cores, {platform.system()}, Python {platform.python_version()}"
-    lines = [f"| {' | '.join(line)} |" for line in (weights.head, ("---", "---"), *weights.cells)]
     return [
         f"The experiments of {PAPER} and what came after, measured on the weights of this installation. Every number "
         "below comes from the command that stands beside it; test scenes were never trained on.",
         f"Size `{size}`, {seconds / 60:,.0f} min of computing. {packages}. {machine}.",
         "Weights, by the beginning of their file's SHA-256:",
-        "\n".join(lines),
+        lines_of(weights),
     ]

@@ -48,7 +48,7 @@ def markdown(title: str, introduction: Sequence[str], sections: Sequence[Section
     for section in sections:
         blocks += [f"## {section.title}", *section.text]
         for table in section.tables:
-            blocks += [f"**{table.title}**", _table(table)]
+            blocks += [f"**{table.title}**", lines_of(table)]
         for picture in section.pictures:
             blocks.append(f"![{picture.title}]({os.path.relpath(picture.path, folder)})")
     return "\n\n".join(blocks) + "\n"
@@ -63,7 +63,8 @@ def save_page(text: str, folder: Path, name: str = "report") -> tuple[Path, Path
     return paths
 
 
-def _table(table: Table) -> str:
+def lines_of(table: Table) -> str:
+    """A table as Markdown, without its title."""
     lines = [table.head, ("---",) * len(table.head), *table.cells]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from pushgraph.errors import ReportError
+
 Row = Mapping[str, Any]
 
 
@@ -29,7 +31,15 @@ class Table:
 
 
 def table_of(view: View, rows: Sequence[Row]) -> Table:
-    """The view of these rows; lines stand in the order of the rows, and those without any number are left out."""
+    """The view of these rows; lines stand in the order of the rows, and those without any number are left out.
+
+    Raises ReportError if the view asks for a metric, or a value of a label, that no row has.
+    """
+    for name, wanted in (*view.where.items(), ("metric", tuple(view.columns.values()))):
+        there = list(dict.fromkeys(row.get(name) for row in rows))
+        if unknown := [value for value in wanted if value not in there]:
+            valid = ", ".join(map(str, there))
+            raise ReportError(f"{view.title!r}: no row whose {name} is {unknown[0]!r}; there are: {valid}")
     chosen = [row for row in rows if all(row.get(name) in values for name, values in view.where.items())]
     values = {(*(row.get(name) for name in view.lines), row["metric"]): row for row in chosen}
     cells = []
