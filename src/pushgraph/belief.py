@@ -180,7 +180,8 @@ class BeliefModel:
         rows = Rows.of(evidence.active, frame.first.shape[1])
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         encoded = self.network.encode(evidence.features[rows.scene, rows.pair])
-        memory = self.network.step(memory, rows, encoded, torch.ones_like(rows.scene, dtype=torch.bool))
+        moved = evidence.moved[rows.scene, rows.pair]
+        memory = self.network.step(memory, rows, encoded, torch.ones_like(moved), moved)
         relations = watch.relations.index_put((rows.scene, rows.pair), memory.relations)
         watch = Watch(
             view, relations, memory.objects, watch.begun | evidence.active, watch.masses, as_numpy=watch.as_numpy
@@ -279,23 +280,23 @@ def watch_windows(
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)
-    told, going_on = [], []
+    told, active, moved = [], [], []
     for k in range(0, frames, together):
         some = looks[k : k + together]
         frame = concatenate(some)
         evidence = evidence_of(network, frame, dynamics.foresee(frame.before, frame.control))
         told.append(evidence.features.unflatten(0, (len(some), batch)))
-        going_on.append(evidence.active.unflatten(0, (len(some), batch)))
-    active = torch.cat(going_on)
-    rows = Rows.of(active.any(0), bodies)
-    encoded = network.encode(torch.cat([some[:, rows.scene, rows.pair] for some in told]))
-    active = active[:, rows.scene, rows.pair]
+        active.append(evidence.active.unflatten(0, (len(some), batch)))
+        moved.append(evidence.moved.unflatten(0, (len(some), batch)))
+    rows = Rows.of(torch.cat(active).any(0), bodies)
+    told, active, moved = (torch.cat([some[:, rows.scene, rows.pair] for some in parts]) for parts in (told, active, moved))
+    encoded = network.encode(told)
     memory = Memory(
         encoded.new_zeros(len(rows.scene), 2, network.width), encoded.new_zeros(batch * bodies, network.hidden)
     )
     memories = []
     for k in range(frames):
-        memory = network.step(memory, rows, encoded[k], active[k])
+        memory = network.step(memory, rows, encoded[k], active[k], moved[k])
         memories.append(memory)
     return rows, active, memories
 

@@ -84,7 +84,7 @@ class Frame(NamedTuple):
 
     in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
     relative_before, relative: how pairs have moved relative to each other until the frame before, and this one. fits:
-    of joints to what was seen before this frame. noise: of the camera.
+    of joints to what was seen before this frame. noise: of the camera. moved: pairs of which a body may have moved.
     """
 
     before: State
@@ -98,6 +98,7 @@ class Frame(NamedTuple):
     relative: RelativeMotion
     fits: JointFits
     noise: CameraNoise
+    moved: Bool[Tensor, "batch pairs"]
 
 
 def first_look(
@@ -117,7 +118,8 @@ def first_look(
     noise = CameraNoise(*[poses.new_zeros(len(poses), 2)] * 2)
     view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits, noise)
     control = Control(tool, still, still, torch.zeros_like(down))
-    return view, Frame(state, state, control, poses, adjacent, _both(seen), seen, relative, relative, fits, noise)
+    in_sight, moved = _both(seen), torch.zeros_like(adjacent)
+    return view, Frame(state, state, control, poses, adjacent, in_sight, seen, relative, relative, fits, noise, moved)
 
 
 def look(
@@ -154,7 +156,8 @@ def look(
     after = after._replace(motions=torch.where(continuous[..., None], after.motions, 0.0))
     in_sight = _both(seen)
     relative = RelativeMotion.of(after.relations, poses)
-    moved = in_sight & before.relations.remembered & ~before.relations.known & ~_both(rests)
+    moved = in_sight & ~_both(rests)
+    fitted = moved & before.relations.remembered & ~before.relations.known
     frame = Frame(
         before,
         after,
@@ -167,6 +170,7 @@ def look(
         relative,
         view.fits,
         noise,
+        moved,
     )
     view = View(
         after,
@@ -181,7 +185,7 @@ def look(
         rested,
         untouched,
         relative,
-        view.fits.observe(relative, moved) if moved.any() else view.fits,
+        view.fits.observe(relative, fitted) if fitted.any() else view.fits,
         noise,
     )
     return view, frame

@@ -48,10 +48,14 @@ class Memory(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What one frame tells about pairs. active: pairs whose memory goes on; the others' waits."""
+    """What one frame tells about pairs.
+
+    active: pairs of which something was seen; the memory of others waits. moved: those of which a body may have moved.
+    """
 
     features: Float[Tensor, "batch pairs 2 features"]
     active: Bool[Tensor, "batch pairs"]
+    moved: Bool[Tensor, "batch pairs"]
 
 
 @runtime_checkable
@@ -74,7 +78,12 @@ class BeliefRecipe(Schema, Protocol):
         """Encode evidence; the part that needs no memory."""
 
     def step(
-        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 encoded"], active: Bool[Tensor, " rows"]
+        self,
+        memory: Memory,
+        rows: Rows,
+        encoded: Float[Tensor, "rows 2 encoded"],
+        active: Bool[Tensor, " rows"],
+        moved: Bool[Tensor, " rows"],
     ) -> Memory:
         """One frame."""
 
@@ -86,7 +95,8 @@ class BeliefNetwork(nn.Module):
     """Ours: joint memory, motions and surprises beside the state of contacts.
 
     Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent. What a pair last
-    told stands beside its state in `Memory.relations`, for joint memory alone answers most questions.
+    told stands beside its state in `Memory.relations`, for joint memory alone answers most questions. The state waits
+    while both bodies rest: a camera's noise would carry it away, however long a pause is.
     """
 
     PHYSICS = "contact"
@@ -118,14 +128,19 @@ class BeliefNetwork(nn.Module):
         told = pair_evidence(frame, foresight.motion, foresight.linked)
         relations = frame.after.relations
         active = relations.remembered & ~relations.known
-        return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active)
+        return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active, frame.moved)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 features"]) -> Float[Tensor, "*frames rows 2 hidden"]:
         """Encode evidence; the part that needs no memory."""
         return self.encoder(told)
 
     def step(
-        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 hidden"], active: Bool[Tensor, " rows"]
+        self,
+        memory: Memory,
+        rows: Rows,
+        encoded: Float[Tensor, "rows 2 hidden"],
+        active: Bool[Tensor, " rows"],
+        moved: Bool[Tensor, " rows"],
     ) -> Memory:
         """One frame."""
         receiver, sender = rows.receiver.flatten(), rows.sender.flatten()
@@ -133,9 +148,9 @@ class BeliefNetwork(nn.Module):
         ends = memory.objects[receiver], memory.objects[sender]
         told = encoded.flatten(0, 1)
         new = self.relation_cell(torch.cat((told, *ends), -1), old[:, : self.hidden])
-        new = torch.cat((new, told), -1)
-        on = active[:, None].expand(-1, 2).flatten()[:, None]
-        relations = torch.where(on, new, old)
+        on, seen = (some[:, None].expand(-1, 2).flatten()[:, None] for some in (active & moved, active))
+        state, last = old.split(self.hidden, -1)
+        relations = torch.cat((torch.where(on, new, state), torch.where(seen, told, last)), -1)
         messages = self.to_object(relations[:, : self.hidden]) * on
         total = torch.zeros_like(memory.objects).index_add(0, receiver, messages)
         count = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype))
@@ -174,14 +189,19 @@ class PaperBelief(nn.Module):
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """Latents alone; see `BeliefNetwork.evidence`."""
-        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~frame.after.relations.known)
+        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~frame.after.relations.known, frame.moved)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
         """The latents themselves."""
         return told
 
     def step(
-        self, memory: Memory, rows: Rows, encoded: Float[Tensor, "rows 2 latents"], active: Bool[Tensor, " rows"]
+        self,
+        memory: Memory,
+        rows: Rows,
+        encoded: Float[Tensor, "rows 2 latents"],
+        active: Bool[Tensor, " rows"],
+        moved: Bool[Tensor, " rows"],
     ) -> Memory:
         """One frame."""
         old = memory.relations.flatten(0, 1)
