@@ -17,7 +17,7 @@ from pushgraph.device import device_of, place_of
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
 from pushgraph.graph.joint_truth import rigid_pairs
-from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, map_tensors, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
 from pushgraph.mass_chains import MassChains, MassPosterior
 from pushgraph.mass_memory import MassMemory
@@ -280,17 +280,16 @@ def watch_windows(
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)
-    told, active, moved = [], [], []
+    told = []
     for k in range(0, frames, together):
-        some = looks[k : k + together]
-        frame = concatenate(some)
+        frame = concatenate(looks[k : k + together])
         evidence = evidence_of(network, frame, dynamics.foresee(frame.before, frame.control))
-        told.append(evidence.features.unflatten(0, (len(some), batch)))
-        active.append(evidence.active.unflatten(0, (len(some), batch)))
-        moved.append(evidence.moved.unflatten(0, (len(some), batch)))
-    rows = Rows.of(torch.cat(active).any(0), bodies)
-    told, active, moved = (torch.cat([some[:, rows.scene, rows.pair] for some in parts]) for parts in (told, active, moved))
-    encoded = network.encode(told)
+        told.append(map_tensors(lambda values: values.unflatten(0, (-1, batch)), evidence))
+    rows = Rows.of(torch.cat([some.active for some in told]).any(0), bodies)
+    features, active, moved = (
+        torch.cat([values[:, rows.scene, rows.pair] for values in parts]) for parts in zip(*told, strict=True)
+    )
+    encoded = network.encode(features)
     memory = Memory(
         encoded.new_zeros(len(rows.scene), 2, network.width), encoded.new_zeros(batch * bodies, network.hidden)
     )

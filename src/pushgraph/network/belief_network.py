@@ -189,7 +189,8 @@ class PaperBelief(nn.Module):
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """Latents alone; see `BeliefNetwork.evidence`."""
-        return Evidence(foresight.latents.float() / LATENT_UNIT, foresight.linked & ~frame.after.relations.known, frame.moved)
+        active = foresight.linked & ~frame.after.relations.known
+        return Evidence(foresight.latents.float() / LATENT_UNIT, active, frame.moved)
 
     def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
         """The latents themselves."""
