@@ -2,8 +2,8 @@
 
 A block after a paragraph that ends "as `NAME`:" is saved under that name. Other Python blocks are typed into one
 session, one after the other; of console blocks each line after `$` is a command, and what stands below it is what it
-prints. What prints "Error: ..." ends with status 1, every other with 0. Other JSON are fields of the scene file that was
-saved last, and must be valid there. Text holds neither. Nothing else is a valid block, so none can be overlooked.
+prints. What prints "Error: ..." ends with status 1, every other with 0. Other JSON are fields of the scene file that
+was saved last, and must be valid there. Text holds neither. Nothing else is a valid block, so none can be overlooked.
 """
 
 import contextlib
@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +27,14 @@ from pushgraph.scene import Scene
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-MOST = {"--count": 4, "--samples": 2000, "--drives": 4, "--scenes": 4, "--objects": 9, "--workers": 1}
-"""What these options of a command on a page say is lowered to this, where it would take long."""
+MOST = {"--count": 4, "--samples": 2000}
+"""What these options of a command say is lowered to this, where it would take long."""
+FEW = {
+    **{"--count": 1, "--objects": 3, "--samples": 64, "--scenes": 2, "--drives": 1, "--workers": 1, "--draws": 1},
+    **{"--drawn": 2, "--repeats": 1, "--drags": 1, "--tables": 2, "--steps": 2, "--largest-batch": 1, "--sizes": 2},
+    **{"--only": "lever-up", "--quick": ""},
+}
+"""The same for commands in the text, most of which name a measurement; there it is also said where nothing was."""
 NOT_RUN = {
     r"make ([\w-]+)": "sets up an environment from the network, or trains for days: its recipe is read alone",
     r"pip install (--[\w-]+ )?'?[\w.]+(\[[\w,]+\])?'?": "tests/test_install.py installs into a new environment",
@@ -40,7 +47,7 @@ CODE = re.compile(r"^\s*(\$|import |from \w|def |pushgraph |pip |make |python |\
 
 
 class Block(NamedTuple):
-    """A block of a page. kind: what stands behind its fence; "indented" without one. name: of the file it is, if any."""
+    """A block of a page. kind: what stands behind its fence, "indented" without one. name: of a file."""
 
     kind: str
     text: str
@@ -91,13 +98,21 @@ def run_page(page: Path, folder: Path) -> dict[str, Any]:
     return session
 
 
-def at_most(command: str) -> str:
-    """The command with what it asks for lowered to MOST."""
+def at_most(command: str, most: Mapping[str, Any] = MOST) -> str:
+    """The command with what it asks for lowered."""
 
     def lower(said: re.Match) -> str:
-        return f"{said[1]} {min(int(said[2]), MOST[said[1]])}"
+        return f"{said[1]} {min(int(said[2]), most[said[1]])}"
 
-    return re.sub(rf"({'|'.join(MOST)}) (\d+)", lower, command)
+    return re.sub(rf"({'|'.join(most)}) (\d+)", lower, command)
+
+
+def commands_in_text(page: Path) -> list[str]:
+    """What is written as code within the text of a page, outside of its blocks, and begins like a command."""
+    text = re.sub(r"^ *```.*?^ *```$", "", page.read_text(), flags=re.M | re.S)
+    program = re.compile(r"(pushgraph|make|pip|python|\.venv/bin/\w+) |benchmarks/\w+\.py\b")
+    spans = (span for paragraph in re.split(r"\n\s*\n", text) for span in re.findall(r"`([^`]+)`", paragraph))
+    return [" ".join(span.split()) for span in spans if program.match(span)]
 
 
 def run(command: str, folder: Path, printed: str = "") -> None:

@@ -55,7 +55,8 @@ def give_recordings(folder: Path) -> None:
     poses = np.zeros((60, 3, 3))
     poses[:, 0, :2] = tool
     poses[:, 1:, 0] = moved[:, None] + [0.0, 0.125]
-    recorded = as_paper_json(poses, [[1, 0, 0, 0.12, 0.12], [0, 0, 0.5, 0.12, 0.12], [0, 0, 0.5, 0.12, 0.12]], [[1, 0, 1]])
+    shapes = [[robot, 0, 0.5, 0.12, 0.12] for robot in (1, 0, 0)]
+    recorded = as_paper_json(poses, shapes, [[1, 0, 1]])
     (folder / "0.txt").write_text(recorded)
     (folder / "recordings").mkdir()
     (folder / "recordings" / "0.txt").write_text(recorded)
