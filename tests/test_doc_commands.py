@@ -1,7 +1,9 @@
 """Every command in the text of README, CONTRIBUTING and docs: its options exist, and what is complete runs."""
 
 import ast
+import gzip
 import importlib.util
+import json
 import re
 import shlex
 import subprocess
@@ -19,6 +21,7 @@ from pushgraph.simulation.lever_setup import LEVER_UP
 
 PATTERN = re.compile(r"\b[A-Z]{2,}\b|\.\.\.")
 """Stands for what the reader puts there."""
+PUSHGRAPH = typer.main.get_command(app)
 BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
 NEEDS = {"peers": "pymunk", "view_latency": "playwright", "environment_speed": "gymnasium"}
 """Packages that benchmarks need beside ours."""
@@ -26,7 +29,7 @@ NEEDS = {"peers": "pymunk", "view_latency": "playwright", "environment_speed": "
 
 def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
     """Of a command `pushgraph ...`: names that it does not have, its options, and what it needs but does not say."""
-    words, known, unknown, said = shlex.split(command)[1:], typer.main.get_command(app), [], 0
+    words, known, unknown, said = shlex.split(command)[1:], PUSHGRAPH, [], 0
     while words:
         word = words.pop(0)
         options = {name: one for one in known.params for name in (*one.opts, *one.secondary_opts)}
@@ -35,7 +38,7 @@ def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
             words = words if getattr(options[word], "is_flag", False) else words[1:]
         elif hasattr(known, "commands"):
             name = next(iter(known.commands)) if word == "..." else word
-            unknown += [name] * (name not in known.commands)
+            unknown += [name] * (name not in known.commands and not PATTERN.fullmatch(name))
             known = known.commands.get(name, known)
         elif word.startswith("--"):
             unknown += [word] * (word != "--help")
@@ -47,9 +50,8 @@ def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
 
 def few(command: str, options: list[str]) -> str:
     """The command with little asked for, also where it says nothing."""
-    return at_most(command, FEW) + "".join(
-        f" {name} {FEW[name]}" for name in FEW if name in options and name not in command
-    )
+    unsaid = [name for name in FEW if name in options and name not in command.split()]
+    return at_most(command, FEW) + "".join(f" {name} {FEW[name]}" for name in unsaid)
 
 
 COMMANDS = sorted({command for page in PAGES for command in commands_in_text(page)})
@@ -98,9 +100,9 @@ def data(tmp_path_factory) -> Path:
     pushes, outlines = made(folder, {"box": 4, "disc": 4})
     text = pushes.read_text().replace("disc", "ellip1")
     text += "".join(f"\n{line}".replace("box", "rect3") for line in text.splitlines() if "box" in line)
-    (folder / "pushes.csv.gz").write_text(text.replace("box", "rect1"))
+    (folder / "pushes.csv.gz").write_bytes(gzip.compress(text.replace("box", "rect1").encode()))
     named = {"ellip1": OUTLINES["disc"], "rect1": OUTLINES["box"], "rect3": OUTLINES["box"]}
-    outlines.write_text(repr(named).replace("'", '"'))
+    outlines.write_text(json.dumps(named))
     return folder
 
 

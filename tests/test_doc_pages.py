@@ -118,7 +118,7 @@ def check_real_robot(folder: Path, _: dict[str, Any]) -> None:
 
 
 def check_track(_: Path, session: dict[str, Any]) -> None:
-    assert session["regulator"].frames == 115
+    assert session["regulator"].frames == sum(1 for _ in session["track"].frames()) > 100
 
 
 def check_view(folder: Path, _: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from pushgraph.errors import EvaluationError
 from pushgraph.report.experiments import EXPERIMENTS, Experiment, counts_of
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 _TAKEN = {experiment.name for experiment in EXPERIMENTS} | {"real"}
 
 
+@runtime_checkable
 class Measure(Protocol):
     """What a suite must offer: `pushgraph.evaluation.blocks.measure_blocks` does most of it."""
 
