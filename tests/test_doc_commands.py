@@ -21,6 +21,8 @@ from pushgraph.simulation.lever_setup import LEVER_UP
 
 PATTERN = re.compile(r"\b[A-Z]{2,}\b|\.\.\.")
 """Stands for what the reader puts there."""
+NAMED = re.compile(r"pushgraph train [\w-]+( --masses)?")
+"""A command whose name alone is told: its data may stand in a file."""
 PUSHGRAPH = typer.main.get_command(app)
 BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
 NEEDS = {"peers": "pymunk", "view_latency": "playwright", "environment_speed": "gymnasium"}
@@ -50,19 +52,19 @@ def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
 
 def few(command: str, options: list[str]) -> str:
     """The command with little asked for, also where it says nothing."""
-    unsaid = [name for name in FEW if name in options and name not in command.split()]
-    return at_most(command, FEW) + "".join(f" {name} {FEW[name]}" for name in unsaid)
+    measures = re.match("pushgraph (evaluate|report)| ", command)
+    unsaid = [name for name in FEW if measures and name in options and name not in command.split()]
+    return " ".join((at_most(command, FEW), *(f"{name} {FEW[name]}".strip() for name in unsaid)))
 
 
 COMMANDS = sorted({command for page in PAGES for command in commands_in_text(page)})
 OURS = [command for command in COMMANDS if command.startswith("pushgraph ")]
-COMPLETE = sorted(
-    {
-        few(command, asked_of(command)[1]).rstrip()
-        for command in OURS
-        if not PATTERN.search(command) and not asked_of(command)[2]
-    }
-)
+RUN = [
+    few(command, asked_of(command)[1])
+    for command in OURS
+    if not PATTERN.search(command) and not NAMED.fullmatch(command) and not asked_of(command)[2]
+]
+COMPLETE = sorted({frozenset(command.split()): command for command in RUN}.values())
 OTHERS = [command for command in COMMANDS if command not in OURS and not command.startswith("benchmarks/")]
 
 

@@ -34,9 +34,13 @@ def give_real_pushes(folder: Path) -> None:
         (folder / name).write_bytes(packed)
     (folder / "others.csv").write_bytes(data.read_bytes())
     pushes = read_pushes(data, outlines)
-    for k, name in enumerate(("first.h5", "second.h5")):
-        pg.load().predict(scene_of(pushes, k)).save(folder / name)
-    scene_of(pushes, 0).save(folder / "scene.json")
+    scene = scene_of(pushes, 0)
+    scene.save(folder / "scene.json")
+    box = scene.bodies[0].replace(pose_world_from_body=(0.0, 0.0, 0.0))
+    for name, aside in (("first.h5", 0.005), ("second.h5", -0.01)):
+        there = pg.Push(start=(-0.1, aside), end=(-0.04, aside), speed=0.05)
+        back = pg.Push(start=(0.15, -aside), end=(0.06, -aside), speed=0.05)
+        pg.simulate(scene.replace(bodies=(box,), pushes=3 * (there, back))).save(folder / name)
 
 
 def give_recordings(folder: Path) -> None:
