@@ -52,7 +52,7 @@ def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
 
 def few(command: str, options: list[str]) -> str:
     """The command with little asked for, also where it says nothing."""
-    measures = re.match("pushgraph (evaluate|report)| ", command)
+    measures = re.match("pushgraph (evaluate|report)| |$", command)
     unsaid = [name for name in FEW if measures and name in options and name not in command.split()]
     return " ".join((at_most(command, FEW), *(f"{name} {FEW[name]}".strip() for name in unsaid)))
 
@@ -119,10 +119,8 @@ def test_a_benchmark_runs_as_its_top_and_the_pages_say(benchmark: Path, data: Pa
     assert commands
     told = subprocess.run([sys.executable, benchmark, "--help"], capture_output=True, text=True).stdout
     options = re.findall(r"(?<![\w-])--[\w-]+", told)
-    more = {command.partition(" ")[2] for command in COMMANDS if command.startswith(f"benchmarks/{benchmark.name}")}
-    for command in {few(f"{commands[0]} {said}", options) for said in more - {""}} | {
-        few(one, options) for one in commands
-    }:
+    more = [command.split(" ", 1)[1] for command in COMMANDS if command.startswith(f"benchmarks/{benchmark.name} ")]
+    for command in sorted({few(one, options) for one in (*commands, *(f"{commands[0]} {said}" for said in more))}):
         run(f"{sys.executable} {benchmark}{command}", data)
 
 
