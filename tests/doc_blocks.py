@@ -30,9 +30,9 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 MOST = {"--count": 4, "--samples": 2000}
 """What these options of a command say is lowered to this, where it would take long."""
 FEW = {
-    **{"--count": 1, "--objects": 2, "--samples": 64, "--scenes": 2, "--drives": 1, "--workers": 1, "--draws": 1},
+    **{"--count": 1, "--objects": 2, "--samples": 640, "--scenes": 2, "--drives": 1, "--workers": 1, "--draws": 1},
     **{"--drawn": 2, "--repeats": 1, "--drags": 1, "--tables": 2, "--steps": 2, "--largest-batch": 1, "--sizes": 2},
-    **{"--only": "lever-up", "--quick": ""},
+    **{"--only": "lever-up", "--quick": "", "--variant": "messages-1-steps"},
 }
 """The same for commands in the text, most of which name a measurement; there it is also said where nothing was."""
 NOT_RUN = {
@@ -107,12 +107,17 @@ def at_most(command: str, most: Mapping[str, Any] = MOST) -> str:
     return re.sub(rf"({'|'.join(most)}) (\d+)", lower, command)
 
 
-def commands_in_text(page: Path) -> list[str]:
-    """What is written as code within the text of a page, outside of its blocks, and begins like a command."""
+def code_in_text(page: Path) -> list[str]:
+    """What is written as code within the text of a page, outside of its blocks."""
     text = re.sub(r"^ *```.*?^ *```$", "", page.read_text(), flags=re.M | re.S)
-    program = re.compile(r"(pushgraph|make|pip|python|\.venv/bin/\w+) |benchmarks/\w+\.py\b")
     spans = (span for paragraph in re.split(r"\n\s*\n", text) for span in re.findall(r"`([^`]+)`", paragraph))
-    return [" ".join(span.split()) for span in spans if program.match(span)]
+    return [" ".join(span.split()) for span in spans]
+
+
+def commands_in_text(page: Path) -> list[str]:
+    """What of that begins like a command."""
+    program = re.compile(r"(pushgraph|make|pip|python|\.venv/bin/\w+) |benchmarks/\w+\.py\b")
+    return [span for span in code_in_text(page) if program.match(span)]
 
 
 def run(command: str, folder: Path, printed: str = "") -> None:

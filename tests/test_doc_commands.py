@@ -9,10 +9,22 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
-from doc_blocks import FEW, NOT_RUN, PAGES, ROOT, at_most, blocks_of, commands_in_text, in_this_process, run
+from doc_blocks import (
+    FEW,
+    NOT_RUN,
+    PAGES,
+    ROOT,
+    at_most,
+    blocks_of,
+    code_in_text,
+    commands_in_text,
+    in_this_process,
+    run,
+)
 from made_pushes import OUTLINES, made
 
 import pushgraph as pg
@@ -68,7 +80,22 @@ COMPLETE = sorted({frozenset(command.split()): command for command in RUN}.value
 OTHERS = [command for command in COMMANDS if command not in OURS and not command.startswith("benchmarks/")]
 
 
-def test_every_option_in_the_text_and_in_the_blocks_exists() -> None:
+def options_of(command: Any) -> set[str]:
+    """The options of a command, and of all below it."""
+    found = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
+    return found.union(*map(options_of, getattr(command, "commands", {}).values()))
+
+
+def test_every_option_that_is_named_exists() -> None:
+    settings = re.findall(r"(\w+):", "".join(path.read_text() for path in BENCHMARKS))
+    known = {*options_of(PUSHGRAPH), "--help", *(f"--{name.replace('_', '-')}" for name in settings)}
+    for page in PAGES:
+        for span in code_in_text(page):
+            named = re.findall(r"(?<![\w-])--[a-z][\w-]*", span)
+            assert span.startswith("pip ") or known.issuperset(named), f"{page.name}: {span}"
+
+
+def test_every_command_has_the_options_that_a_page_gives_it() -> None:
     blocks = "\n".join(block.text for page in PAGES for block in blocks_of(page) if block.kind == "console")
     for command in (*OURS, *re.findall(r"^\$ (pushgraph [^|<>#\n]*)", blocks, re.M)):
         if "--import" not in command or PATTERN.search(command):
@@ -121,7 +148,7 @@ def test_a_benchmark_runs_as_its_top_and_the_pages_say(benchmark: Path, data: Pa
     options = re.findall(r"(?<![\w-])--[\w-]+", told)
     more = [command.split(" ", 1)[1] for command in COMMANDS if command.startswith(f"benchmarks/{benchmark.name} ")]
     for command in sorted({few(one, options) for one in (*commands, *(f"{commands[0]} {said}" for said in more))}):
-        run(f"{sys.executable} {benchmark}{command}", data)
+        run(f"python {benchmark}{command}", data)
 
 
 def test_what_is_not_run_stands_on_a_page() -> None:
