@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 import typer
+from browser import NAMES
 from doc_blocks import (
     FEW,
     NOT_RUN,
@@ -37,8 +39,11 @@ NAMED = re.compile(r"pushgraph train [\w-]+( --masses)?")
 """A command whose name alone is told: its data may stand in a file."""
 PUSHGRAPH = typer.main.get_command(app)
 BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
-NEEDS = {"peers": "pymunk", "view_latency": "playwright", "environment_speed": "gymnasium"}
-"""Packages that benchmarks need beside ours."""
+NEEDED = {
+    "peers": ("the extra [peers]", importlib.util.find_spec("pymunk")),
+    "view_latency": ("Chromium", any(map(shutil.which, NAMES))),
+}
+"""What benchmarks need beside what all tests do, and whether it is there."""
 
 
 def asked_of(command: str) -> tuple[list[str], list[str], list[str]]:
@@ -139,8 +144,9 @@ def data(tmp_path_factory) -> Path:
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("benchmark", BENCHMARKS, ids=lambda path: path.stem)
 def test_a_benchmark_runs_as_its_top_and_the_pages_say(benchmark: Path, data: Path) -> None:
-    if benchmark.stem in NEEDS and importlib.util.find_spec(NEEDS[benchmark.stem]) is None:
-        pytest.skip(f"{NEEDS[benchmark.stem]} is not installed")
+    needed, there = NEEDED.get(benchmark.stem, ("", True))
+    if not there:
+        pytest.skip(f"{needed} is not installed")
     top = ast.get_docstring(ast.parse(benchmark.read_text()))
     commands = re.findall(rf"python benchmarks/{benchmark.name}(.*?)(?: \[.*)?$", top, re.M)
     assert commands
