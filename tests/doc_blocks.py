@@ -30,7 +30,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 MOST = {"--count": 4, "--samples": 2000}
 """What these options of a command say is lowered to this, where it would take long."""
 FEW = {
-    **{"--count": 1, "--objects": 2, "--samples": 640, "--scenes": 2, "--drives": 1, "--workers": 1, "--draws": 1},
+    **{"--count": 1, "--objects": 2, "--samples": 640, "--scenes": 4, "--drives": 1, "--workers": 1, "--draws": 1},
     **{"--drawn": 2, "--repeats": 1, "--drags": 1, "--tables": 2, "--steps": 2, "--largest-batch": 1, "--sizes": 2},
     **{"--only": "lever-up", "--quick": "", "--variant": "messages-1-steps"},
 }
