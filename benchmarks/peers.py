@@ -357,7 +357,7 @@ def errors_after(
         moved &= (joined[0] <= sizes) & (sizes <= joined[1])
         error = np.linalg.norm(one[frames, : true.shape[1], :2] - true[-1, :, :2], axis=-1)
         found.append(error[moved])
-    errors = 100 * np.concatenate(found)
+    errors = 100 * np.concatenate((np.zeros(0), *found))
     return (float(errors.mean()), float(np.median(errors))) if len(errors) else (math.nan, math.nan)
 
 

@@ -35,7 +35,7 @@ def test_every_page_is_on_the_site() -> None:
     assert pages_of(yaml.safe_load(nav)) == {page.name for page in PAGES}
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES], ids=lambda page: page.name)
 def test_links_lead_to_files_and_headings(page: Path) -> None:
     for link in re.findall(r"\]\(([^):]+)\)", page.read_text()):
         name, _, heading = link.partition("#")

@@ -42,6 +42,7 @@ from pushgraph.recording.recording import read_recording as read_recording
 from pushgraph.recording.sightings import Declared as Declared
 from pushgraph.recording.sightings import ReadOptions as ReadOptions
 from pushgraph.regulator import BeliefRegulator as BeliefRegulator
+from pushgraph.report.registry import register_suite as register_suite
 from pushgraph.scene import Scene as Scene
 from pushgraph.scene import Table as Table
 from pushgraph.shape import Cuboid as Cuboid

@@ -1,4 +1,4 @@
-"""Python files of the user's own, which register networks and setups: run by commands and the processes they start."""
+"""Python files of the user's own, which register networks, setups and suites: run by commands and their processes."""
 
 import importlib.util
 import os

@@ -75,7 +75,7 @@ def common(
         list[Path] | None,
         typer.Option(
             "--import",
-            help="Python files that register networks and setups of your own; again. They are run.",
+            help="Python files that register networks, setups and suites of your own; again. They are run.",
             show_default=f"those in {own_modules.VARIABLE}",
         ),
     ] = None,

@@ -9,6 +9,7 @@ import typer
 from rich.table import Table
 
 from pushgraph.cli.output import console
+from pushgraph.cli.own_suites import SuiteGroup
 from pushgraph.cli.suites import (
     CORES,
     DRAWN,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from pushgraph.evaluation.coupled import CoupledErrors
     from pushgraph.evaluation.results import Results
 
-app = typer.Typer(help="Measure the shipped networks, or your own.", no_args_is_help=True)
+app = typer.Typer(cls=SuiteGroup, help="Measure the shipped networks, or your own.", no_args_is_help=True)
 
 
 @app.callback()

@@ -1,5 +1,6 @@
 """The command view."""
 
+import contextlib
 import os
 import sys
 import webbrowser
@@ -66,11 +67,13 @@ def view(
     with console.status("Opening the page; the first prediction on a machine compiles for some 20 s"):
         page = Page(opened, other, folder, host, port, Path(shown).name)
         page.ready()
-    console.print(f"The page is at {page.url}; Ctrl-C ends it.", highlight=False, markup=False)
-    warn(page.said)
-    if browser and _has_desktop():
-        webbrowser.open(page.url)
-    page.wait()
+    with contextlib.suppress(KeyboardInterrupt):
+        console.print(f"The page is at {page.url}; Ctrl-C ends it.", highlight=False, markup=False)
+        warn(page.said)
+        if browser and _has_desktop():
+            webbrowser.open(page.url)
+        page.wait()
+    page.stop()
 
 
 def _has_desktop() -> bool:

@@ -29,7 +29,8 @@ SIZES = ("quick", "normal", "full")
 _ROLLOUT = {"mean error (cm)": "mean_error_cm", "final, moved (cm)": "final_error_moved_cm"}
 
 
-def _count(quick: int, normal: int, full: int, *more_of_quick: str) -> dict[str, tuple[str, ...]]:
+def counts_of(quick: int, normal: int, full: int, *more_of_quick: str) -> dict[str, tuple[str, ...]]:
+    """Options of every size: how many scenes; and what a quick report says beside."""
     counts = {size: ("--count", str(count)) for size, count in zip(SIZES, (quick, normal, full), strict=True)}
     return counts | {"quick": (*counts["quick"], *more_of_quick)}
 
@@ -44,7 +45,7 @@ EXPERIMENTS = (
         "images has its errors at the high end. Its simulator and data are not available: `propnet` and "
         "`image` are the paper's two networks, trained and measured here.",
         command=("evaluate", "physics"),
-        counts=_count(6, 20, 1000, *NINE),
+        counts=counts_of(6, 20, 1000, *NINE),
         views=(
             View(
                 "Rollouts, 95 % intervals in brackets",
@@ -61,7 +62,7 @@ EXPERIMENTS = (
         paper="Accuracy, precision and recall rise with observed frames; fixed and revolute are confused until they"
         " are touched; independent of the number of objects.",
         command=("evaluate", "belief"),
-        counts=_count(6, 20, 1000, *NINE),
+        counts=counts_of(6, 20, 1000, *NINE),
         views=(
             View(
                 "Pairs that were touched: share told right, and expected calibration error",
@@ -81,7 +82,7 @@ EXPERIMENTS = (
         title="Both together: prediction with believed joints",
         paper="After 40 observed frames the error with believed joints has come down to that with true ones.",
         command=("evaluate", "coupled"),
-        counts=_count(6, 20, 1000, *NINE),
+        counts=counts_of(6, 20, 1000, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -98,7 +99,7 @@ EXPERIMENTS = (
         paper="The mean error of masses comes down to 2.7 kg; always answering the median errs by 3.0 kg. What "
         "motion can tell are ratios of bodies that touched: `ratio_observer` knows those.",
         command=("evaluate", "masses"),
-        counts=_count(6, 20, 1000, *NINE),
+        counts=counts_of(6, 20, 1000, *NINE),
         views=(
             View(
                 "Masses after 200 observed frames",
@@ -114,7 +115,7 @@ EXPERIMENTS = (
         title="Two scenes in which only masses change",
         paper="Mean errors of the scenes mostly under 2 kg; light and heavy are told apart, normal less often.",
         command=("evaluate", "controlled-masses"),
-        counts=_count(40, 200, 1000, "--objects", "2"),
+        counts=counts_of(40, 200, 1000, "--objects", "2"),
         views=(
             View(
                 "Scenes of two and three bodies",
@@ -136,7 +137,7 @@ EXPERIMENTS = (
         title="Prediction with believed masses",
         paper="no number.",
         command=("evaluate", "coupled-masses"),
-        counts=_count(6, 20, 500, *NINE),
+        counts=counts_of(6, 20, 500, *NINE),
         views=(
             View(
                 "Mean error of the next 50 frames",
@@ -152,7 +153,7 @@ EXPERIMENTS = (
         title="Tools that were never seen",
         paper="About 40 of 166 tasks with one tool and about 130 with all of them, most likely within 10 cm.",
         command=("evaluate", "tools"),
-        counts=_count(14, 154, 154),
+        counts=counts_of(14, 154, 154),
         views=(
             View(
                 "Where the object ended, executed in simulation",
@@ -188,7 +189,7 @@ EXPERIMENTS = (
         paper="On real recordings, final errors of 3.5 cm where bodies move by 19.5 cm; from first contact below "
         "6.5 cm with true and 8.5 cm with believed joints.",
         command=("evaluate", "camera"),
-        counts=_count(12, 102, 102),
+        counts=counts_of(12, 102, 102),
         views=(
             View(
                 "Final error",
@@ -204,7 +205,7 @@ EXPERIMENTS = (
         title="Levering a board out of a drive, in 6D",
         paper="Plausible motions; no number.",
         command=("evaluate", "lever-up"),
-        counts=_count(4, 24, 120),
+        counts=counts_of(4, 24, 120),
         views=(
             View(
                 "Boards that were raised, medians",
@@ -220,7 +221,7 @@ EXPERIMENTS = (
         title="How sure predictions are",
         paper="not studied.",
         command=("evaluate", "spread"),
-        counts=_count(6, 20, 200, *NINE),
+        counts=counts_of(6, 20, 200, *NINE),
         views=(
             View(
                 "Share of bodies that moved whose true place lies within the stated 68 % and 95 %",

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from pushgraph.cores import usable_cores
 from pushgraph.errors import ReportError
-from pushgraph.report.experiments import EXPERIMENTS, SIZES, Experiment
+from pushgraph.report.experiments import SIZES, Experiment
 from pushgraph.report.page import Picture, Section, lines_of, markdown, save_page
+from pushgraph.report.registry import all_experiments
 from pushgraph.report.replays import save_replays
 from pushgraph.report.suites import Made, hashes_of_weights, run_or_reuse
 from pushgraph.report.tables import Table, table_of
@@ -34,11 +35,12 @@ def make_report(
     """
     if size not in SIZES:
         raise ReportError(f"no size {size!r}; valid: {', '.join(SIZES)}")
-    names = [experiment.name for experiment in EXPERIMENTS]
+    experiments = all_experiments()
+    names = [experiment.name for experiment in experiments]
     if unknown := [name for name in only if name not in names]:
         raise ReportError(f"no experiment {unknown[0]!r}; valid: {', '.join(names)}")
     sections, seconds = [], 0.0
-    for experiment in EXPERIMENTS:
+    for experiment in experiments:
         if only and experiment.name not in only:
             continue
         begin(experiment)

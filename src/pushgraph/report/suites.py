@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pushgraph import own_modules
 from pushgraph.checkpoint import shipped
 from pushgraph.errors import CheckpointError, ReportError
 from pushgraph.network.registry import NETWORKS
@@ -87,11 +88,13 @@ def _run(arguments: Sequence[str], folder: Path, output: Callable[[str], None]) 
 
 
 def digest_of_code() -> str:
-    """SHA-256 of all modules of the package."""
+    """SHA-256 of all modules of the package, and of the user's own that are imported."""
     source = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(source.rglob("*.py")):
         digest.update(str(path.relative_to(source)).encode() + path.read_bytes())
+    for file in own_modules.used():
+        digest.update(Path(file).read_bytes())
     return digest.hexdigest()[:16]
 
 
