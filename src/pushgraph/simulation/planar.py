@@ -122,6 +122,9 @@ class PlanarSimulation:
             wrench=np.array(self._wrenches or [np.zeros(3)]),
         )
 
+    def _step(self) -> None:
+        mujoco.mj_step(self._model.mujoco, self._data)
+
     def _come_down(self, start: np.ndarray) -> np.ndarray:
         """Lift the tool and bring it to the start of a push; where it then comes down, in the own frame."""
         if self._frames:
@@ -133,7 +136,6 @@ class PlanarSimulation:
 
     def _driven(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Drive the tool along its motion, so many steps a frame: its pose after each frame, and the wrench on it."""
-        model, data = self._model.mujoco, self._data
         poses = motion.poses(np.arange(motion.frames * steps + 1) * (FRAME / steps))
         positions = self._robot_joints(poses, -LIFT_HEIGHT)
         velocities = self._robot_joints(np.diff(poses, axis=0) * (steps / FRAME), 0.0)
@@ -142,7 +144,7 @@ class PlanarSimulation:
             for step in range(frame * steps, (frame + 1) * steps):
                 self._robot_position[:] = positions[step]
                 self._robot_velocity[:] = velocities[step]
-                mujoco.mj_step(model, data)
+                self._step()
                 force += self._robot_force
             yield poses[(frame + 1) * steps], force[[0, 1, -1]] / steps
 
@@ -152,7 +154,6 @@ class PlanarSimulation:
         What drives it goes faster while it lags, and is set back after each step; if it lags by more than STALL, to
         where it was before the step.
         """
-        model, data = self._model.mujoco, self._data
         step = FRAME / steps
         pose, heading, time, slip, drive = motion.pose(0.0), 0.0, 0.0, 0.0, 0.0
         for _ in range(motion.frames):
@@ -171,7 +172,7 @@ class PlanarSimulation:
                 turning = velocity[2] * goes_on
                 self._robot_position[:] = (pose[0], pose[1], -LIFT_HEIGHT, heading, slip, pose[2] - heading)
                 self._robot_velocity[:] = (x, y, 0.0, 0.0, tool_speed - drive, turning)
-                mujoco.mj_step(model, data)
+                self._step()
                 force += self._robot_force
                 time += step * goes_on
                 pose = motion.pose(time)
@@ -182,7 +183,7 @@ class PlanarSimulation:
         """Step with the tool down at a pose and moving; the wrench on it, all in the own frame."""
         self._robot_position[:] = self._robot_joints(pose_of_tool[None], -LIFT_HEIGHT)[0]
         self._robot_velocity[:] = self._robot_joints(velocity[None], 0.0)[0]
-        mujoco.mj_step(self._model.mujoco, self._data)
+        self._step()
         return self._robot_force[[0, 1, -1]]
 
     def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
@@ -197,7 +198,7 @@ class PlanarSimulation:
         for _ in range(round(FRAME / TIMESTEP)):
             self._robot_position[:] = joints
             self._robot_velocity[:] = 0.0
-            mujoco.mj_step(self._model.mujoco, self._data)
+            self._step()
 
     def _record(self, pose_of_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
         self._tool_pose = pose_of_tool
