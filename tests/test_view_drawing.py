@@ -20,6 +20,7 @@ from pushgraph import pose, pose_3d
 from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.body import Joint
+from pushgraph.forces import ContactForces
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Polygon
@@ -29,12 +30,15 @@ from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.drawing.beliefs import rods
 from pushgraph.view.drawing.colours import BODIES, JOINTS
+from pushgraph.view.drawing.contact_arrows import opposite_arrows
+from pushgraph.view.drawing.forces import LONGEST
 from pushgraph.view.drawing.joints import ARM, drawn_joint
 from pushgraph.view.drawing.names import PADDING, WIDTH, View, heights_of
 from pushgraph.view.drawing.placing import LIFT, frame_at
 from pushgraph.view.drawing.solids import Solid, circle, prism
 from pushgraph.view.drawing.spread import PROBABILITIES, regions
 from pushgraph.view.drawing.trails import thinned
+from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.legend import facts, legend
 from pushgraph.view.saved_page import save_page
 from pushgraph.view.server import start_server
@@ -229,6 +233,25 @@ def test_it_plays_at_true_speed_and_steps(server, drawing: SceneDrawing) -> None
     timeline.step(-1000)
     assert drawing.frame == 0
     timeline.stop()
+
+
+def test_forces_at_contacts_are_opposite_arrows_over_the_two_bodies(server, drawing: SceneDrawing) -> None:
+    track = track_of(workshop())
+    one, other = np.full(2, 1), np.array([2, 0])
+    forces = ContactForces(np.array([3, 5]), one, other, np.zeros((2, 2)), np.array([[3.0, 0.0], [0.0, 4.0]]), one > 1)
+    drawing.show_track(track)
+    drawing.show_forces(KnownForces("predicted", forces))
+    assert "contact forces (predicted)" in legend(drawing)
+    newtons = drawing.contact_forces[1]
+    assert newtons == pytest.approx(4.0 * 0.1 / LONGEST)
+    first, second = opposite_arrows(forces.at(3), np.array([0.2]), newtons)
+    np.testing.assert_allclose(first, [[0.0, 0.0, 0.2], [3.0 * 0.1 / newtons, 0.0, 0.2]])
+    np.testing.assert_allclose(second[1], [-3.0 * 0.1 / newtons, 0.0, 0.2])
+    for frame in (3, 4, 5):
+        drawing.set_frame(frame)
+    drawing.show_track(track)
+    assert drawing.contact_forces == ("", 0.0)
+    assert len(opposite_arrows(forces, np.zeros(2), 1e3)) == 0
 
 
 def history(scene: Scene, frames: int = 30) -> BeliefHistory:

@@ -1,5 +1,6 @@
 """Trying out without a browser: what edits do to all that hangs on a body, undo, and the one folder."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from scenes import workshop
 
 from pushgraph.errors import PlanningError, PushGraphError, SceneError, StorageError
+from pushgraph.track import Track
 from pushgraph.view import scene_edits
 from pushgraph.view.folder import Folder
 from pushgraph.view.workbench import Workbench
@@ -72,6 +74,20 @@ def test_what_is_refused_changes_nothing_and_what_is_done_is_undone(tmp_path: Pa
     for _ in range(3):
         bench.undo()
     assert bench.work is first
+
+
+def test_forces_are_known_of_what_is_predicted_or_simulated_as_the_scene_is_now(tmp_path: Path) -> None:
+    bench = Workbench(workshop(), Folder(tmp_path))
+    bench.predict()
+    bench.simulate()
+    predicted, simulated = bench.work.tracks.values()
+    assert [bench.forces(track).source for track in (predicted, simulated)] == ["predicted", "simulated"]
+    assert bench.forces(simulated) is bench.forces(simulated)
+    predicted.save(tmp_path / "track.h5")
+    assert bench.forces(Track.load(tmp_path / "track.h5")).source == "predicted"
+    moved = dataclasses.replace(predicted, poses=predicted.poses + 1e-3)
+    with pytest.raises(PushGraphError, match="neither"):
+        bench.forces(moved)
 
 
 def test_pushes_of_hours_are_left_to_the_command_line(tmp_path: Path) -> None:

@@ -38,6 +38,9 @@ def legend(drawing: SceneDrawing) -> str:
         rows.append((SPREAD, "holds the true position with 68 and 95 %", "●"))
     if drawing.newtons:
         rows.append((FORCE, f"force on the tool: 10 cm are {drawing.newtons:.2g} N", "➔"))
+    source, newtons = drawing.contact_forces
+    if source:
+        rows.append((FORCE, f"contact forces ({source}) on the body they lie over: 10 cm are {newtons:.2g} N", "→"))
     if drawing.goal is not None:
         rows.append((GOAL, "the goal", "●"))
     if drawing.history is not None:

@@ -52,6 +52,8 @@ class Session:
         """The time (s) that shall be shown next; None: that which is shown, or the start of what is new."""
         self.believed = False
         """Whether predictions take the joints that are believed, while there are beliefs."""
+        self.forces = False
+        """Whether the forces at contacts are shown."""
         self.chosen: tuple[str, str] = ("", "")
         """Titles of the track that moves and of its ghost; empty: chosen by what there is."""
         server.gui.add_markdown(HELP)
@@ -172,6 +174,7 @@ class Session:
         before = self._shown_tracks
         self.drawing.show_scene(work.scene)
         self.drawing.show_track(main)
+        self._show_forces(main)
         self.drawing.show_ghost(ghost)
         self.drawing.show_belief(work.history)
         self.drawing.show_goal(work.goal)
@@ -183,6 +186,13 @@ class Session:
             self.timeline.step(frame - self.drawing.frame)
             self.show_next = None
         self._shown_tracks = (main, ghost)
+
+    def _show_forces(self, track: AnyTrack | None) -> None:
+        if self.forces and isinstance(track, Track):
+            try:
+                self.drawing.show_forces(self.workbench.forces(track))
+            except PushGraphError as error:
+                self.say(str(error), refused=True)
 
     def show_outcome(self, track: AnyTrack | None) -> None:
         """Where a track of a scene on a table ends, with its spread."""

@@ -23,6 +23,7 @@ from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.view.editing import Editing
 from pushgraph.view.folder import Folder
+from pushgraph.view.known_forces import KnownForces, forces_of
 from pushgraph.view.opening import Opened, open_file
 from pushgraph.view.work import MOST_FRAMES, AnyTrack, alike, check_length, end_of_push, like, work_on
 
@@ -44,6 +45,7 @@ class Workbench(Editing):
         super().__init__(work)
         self.folder = folder
         self._foreseen: Track | None = None
+        self._forces: tuple[Track, KnownForces] | None = None
 
     def foreseen(self, scene: Scene) -> Track:
         """What a scene's pushes are predicted to do, with the spread; changes nothing.
@@ -98,6 +100,14 @@ class Workbench(Editing):
             raise PlanningError(f"no push that was tried brings {goal.body!r} nearer to its goal than it is")
         told = scene.replace(pushes=planned.pushes)
         self._become(scene=told, tracks={PREDICTED: self.foreseen(told)}, plan=planned, watching=None)
+
+    def forces(self, track: Track) -> KnownForces:
+        """The forces at the contacts of one of the tracks, computed when they are first asked for."""
+        if self._forces is None or self._forces[0] is not track:
+            history, scene = self.work.history, self.work.scene
+            believed = [history.apply_to(scene)] if history is not None and isinstance(scene, Scene) else []
+            self._forces = track, forces_of(track, self._predictor, believed)
+        return self._forces[1]
 
     # Beliefs.
 

@@ -19,6 +19,7 @@ from pushgraph.track import LIFTED, Track
 from pushgraph.view.drawing.arm import DrawnArm
 from pushgraph.view.drawing.beliefs import BeliefLinks
 from pushgraph.view.drawing.bodies import Bodies
+from pushgraph.view.drawing.contact_arrows import ContactArrows
 from pushgraph.view.drawing.forces import ForceArrow
 from pushgraph.view.drawing.goal import DrawnGoal
 from pushgraph.view.drawing.names import View
@@ -28,6 +29,7 @@ from pushgraph.view.drawing.spread import SpreadEllipses
 from pushgraph.view.drawing.table import FIELD, DrawnTable, view_of
 from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
+from pushgraph.view.known_forces import KnownForces
 
 
 class SceneDrawing:
@@ -48,6 +50,7 @@ class SceneDrawing:
         self._trails = Trails(api, f"{root}/trails")
         self._spread = SpreadEllipses(api, f"{root}/spread")
         self._force = ForceArrow(api, f"{root}/force")
+        self._contact_forces = ContactArrows(api, f"{root}/contact_forces")
         self._ghosts = Bodies(api, f"{root}/ghosts", ghost=True)
         self._outcome = Bodies(api, f"{root}/outcome/bodies", ghost=True)
         self._outcome_trails = Trails(api, f"{root}/outcome/trails")
@@ -105,7 +108,17 @@ class SceneDrawing:
             planar = track if isinstance(track, Track) else None
             _show_or_clear(self._spread, planar if planar is not None and planar.spread is not None else None)
             _show_or_clear(self._force, planar if planar is not None and planar.wrench is not None else None)
+            self._contact_forces.clear()
             self._place()
+
+    def show_forces(self, known: KnownForces | None) -> None:
+        """The forces at every contact of the track that moves."""
+        with self._server.atomic():
+            if known is None or not isinstance(self.track, Track):
+                self._contact_forces.clear()
+            else:
+                self._contact_forces.show(self.track, known, self._force.newtons)
+                self._contact_forces.at(self._frame)
 
     def show_ghost(self, track: Track | LeverTrack | None) -> None:
         """A second track of the same bodies, as translucent copies that move along at the same times (s)."""
@@ -211,6 +224,11 @@ class SceneDrawing:
         return self._force.newtons
 
     @property
+    def contact_forces(self) -> tuple[str, float]:
+        """How the forces at contacts are known, empty if none are shown, and the force whose arrows are 10 cm long."""
+        return self._contact_forces.source, self._contact_forces.newtons
+
+    @property
     def body_handles(self) -> Mapping[str, viser.MeshHandle]:
         """The solid of each body, by name, for `on_click` and `on_drag`; new handles after the bodies were changed."""
         return self._bodies.solids
@@ -218,6 +236,7 @@ class SceneDrawing:
     def clear(self) -> None:
         """Remove everything."""
         shown = (self._table, self._bodies, self._tool, self._pushes, self._trails, self._spread, self._force)
+        self._contact_forces.clear()
         for part in (*shown, self._ghosts, self._links, self._board, self._drawn_goal, self._arm):
             part.clear()
         for part in (self._outcome, self._outcome_trails, self._outcome_spread):
@@ -266,6 +285,7 @@ class SceneDrawing:
             self._ghosts.move(placed(self.ghost, frame_at(self.ghost.times, time))[1:])
         self._spread.at(self._frame)
         self._force.at(self._frame)
+        self._contact_forces.at(self._frame)
         if self.history is not None:
             frame = frame_at(self.history.times, time)
             middles = np.array([body.middle for body in self._bodies.drawn])
