@@ -1,6 +1,7 @@
 """What the browser viewer draws: geometry worked out by hand, and laws of what is sent."""
 
 import base64
+import dataclasses
 import itertools
 import re
 import threading
@@ -22,6 +23,7 @@ from pushgraph.belief_history import BeliefHistory
 from pushgraph.body import Joint
 from pushgraph.forces import ContactForces
 from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.mass_history import MassHistory
 from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Polygon
 from pushgraph.spread import Spread
@@ -284,7 +286,17 @@ def test_the_legend_and_the_facts_say_what_is_there(drawing: SceneDrawing) -> No
     assert "68 and 95 %" in legend(drawing)
     said = facts(scene)
     assert "0.5 kg" in said
-    assert "0.25 assumed" in said
+    assert "0.25 assumed (0.15 to 0.27)" in said
+    assert "0.45</td>" in said
+    unknown = Scene(bodies=(body("cup", 0.0, 0.0, mass=None),), table=scene.table.replace(friction=None))
+    said = facts(unknown)
+    assert "0.45 assumed (0.26 to 0.54)" in said
+    assert "0.6 kg assumed (0.34 to 9)" in said
+    frictions = np.array([[0.4, 0.3, 0.5], [0.3, 0.2, 0.4]])
+    told = MassHistory([], np.array([0.0, 1.0]), *np.zeros((2, 2, 0, 3)), [], frictions)
+    believed = dataclasses.replace(history(unknown), mass_history=told)
+    assert "0.4 (0.3 to 0.5)" in facts(unknown, believed, 0.9)
+    assert "0.3 (0.2 to 0.4)" in facts(unknown, believed)
 
 
 # Machado, Oliveira, Fernandes, "A physiologically-based model for simulation of color vision deficiency" (2009).
