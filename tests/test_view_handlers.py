@@ -5,6 +5,7 @@ import os
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -111,6 +112,27 @@ def test_what_is_refused_is_told_in_the_words_of_scene_files(page: Page, visitor
         Scene.from_json(json.dumps(content))
     assert said == str(refused.value)
     assert page.session.workbench.scene is scene
+
+
+def test_what_takes_long_is_cancelled_by_a_button_that_then_appears(page: Page, visitor: Visitor) -> None:
+    working, before = page.session.working, page.session.workbench.work
+
+    def endless() -> None:
+        while True:
+            working.tell(1, 10)
+            time.sleep(0.01)
+
+    assert not working.seen
+    page.session.do(lambda: None).result()
+    assert not working.seen
+    asked = page.session.do(endless)
+    while not working.seen:
+        time.sleep(0.01)
+    visitor.set(working.button, True)
+    asked.result(30)
+    assert not working.seen
+    assert page.session.message == "Cancelled; everything is as it was."
+    assert page.session.workbench.work is before
 
 
 def test_two_browsers_share_one_state(page: Page, visitor: Visitor, monkeypatch: pytest.MonkeyPatch) -> None:

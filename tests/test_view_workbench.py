@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import workshop
 
-from pushgraph.errors import PlanningError, PushGraphError, SceneError, StorageError
+from pushgraph.errors import CancelledError, PlanningError, PushGraphError, SceneError, StorageError
 from pushgraph.track import Track
 from pushgraph.view import scene_edits
 from pushgraph.view.folder import Folder
@@ -74,6 +74,22 @@ def test_what_is_refused_changes_nothing_and_what_is_done_is_undone(tmp_path: Pa
     for _ in range(3):
         bench.undo()
     assert bench.work is first
+
+
+def test_what_is_cancelled_changes_nothing(tmp_path: Path) -> None:
+    def cancelled(done: int, total: int) -> None:
+        assert 0 <= done <= total
+        if 3 * done > total:
+            raise CancelledError("enough")
+
+    bench = Workbench(workshop(), Folder(tmp_path))
+    bench.set_goal({"body": "cup", "position": (0.25, 0.1)})
+    bench.simulate()
+    before = bench.work
+    for work in (bench.simulate, lambda told: bench.plan(1, told), bench.step_belief):
+        with pytest.raises(CancelledError):
+            work(cancelled)
+        assert bench.work is before
 
 
 def test_forces_are_known_of_what_is_predicted_or_simulated_as_the_scene_is_now(tmp_path: Path) -> None:

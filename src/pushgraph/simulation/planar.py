@@ -1,7 +1,7 @@
 """Simulate pushes of a planar scene in MuJoCo and record a track."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -39,12 +39,12 @@ _DIVERGED = [
 ]
 
 
-def simulate(scene: Scene) -> Track:
+def simulate(scene: Scene, progress: Callable[[int], None] = lambda frame: None) -> Track:
     """Run the scene's pushes one after the other; raises SimulationError if the scene cannot be simulated.
 
-    A scene without pushes gives a track of one frame, with the tool lifted.
+    A scene without pushes gives a track of one frame, with the tool lifted. progress: told every frame.
     """
-    simulation = PlanarSimulation(scene)
+    simulation = PlanarSimulation(scene, progress=progress)
     for push in scene.pushes:
         simulation.push(push)
     return simulation.track()
@@ -53,11 +53,17 @@ def simulate(scene: Scene) -> Track:
 class PlanarSimulation:
     """A scene in motion. Pushes may be chosen as it goes; the same calls give the same bits anywhere.
 
-    force_limits: whether pushes may have force limits; by default, if one of the scene's has.
+    force_limits: whether pushes may have force limits; by default, if one of the scene's has. progress: told every
+    frame.
     """
 
-    def __init__(self, scene: Scene, force_limits: bool | None = None) -> None:
-        self.scene = scene
+    def __init__(
+        self,
+        scene: Scene,
+        force_limits: bool | None = None,
+        progress: Callable[[int], None] = lambda frame: None,
+    ) -> None:
+        self.scene, self._progress = scene, progress
         if force_limits is None:
             force_limits = any(push.force_limit is not None for push in scene.pushes)
         self._pushes: list[Push] = []
@@ -205,6 +211,7 @@ class PlanarSimulation:
         self._frames.append(np.vstack((self._frame.poses_in_world(pose_of_tool), self.poses)))
         self._frame_push.append(push)
         self._wrenches.append(np.zeros(3) if wrench is None else self._frame.wrench_in_world(wrench))
+        self._progress(len(self._frames) - 1)
 
     def _check_thrown(self, push: int, tool_speed: float) -> None:
         """tool_speed: of its fastest point (m/s)."""

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pushgraph.errors import PushGraphError
+from pushgraph.errors import CancelledError, PushGraphError
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.timeline import Timeline
 from pushgraph.view.work import AnyTrack, Work
 from pushgraph.view.workbench import PREDICTED, SIMULATED, Workbench
+from pushgraph.view.working import Working
 
 if TYPE_CHECKING:
     import viser
@@ -60,6 +61,7 @@ class Session:
         self.message = ""
         """What was said last."""
         self._message = server.gui.add_html("")
+        self.working = Working(server)
         self.timeline = Timeline(server.gui, self.drawing, self.lock)
         with server.gui.add_folder("Notes", expand_by_default=False, order=1e9):
             self._notes = server.gui.add_html("")
@@ -118,8 +120,11 @@ class Session:
     def _do(self, action: Action, client: "viser.ClientHandle | None") -> None:
         with self.lock:
             try:
-                said = action() or ""
+                with self.working.begun():
+                    said = action() or ""
                 self.say("\n".join(filter(None, (said, self._predict()))))
+            except CancelledError as cancelled:
+                self.say(str(cancelled))
             except PushGraphError as error:
                 self._shown = None  # whatever a drag has shown on its way is drawn as it is
                 self._refuse(str(error), client)

@@ -24,7 +24,7 @@ class DeedControls(Controls):
         return self._apart()
 
     def _simulate(self) -> str:
-        self.workbench.simulate()
+        self.workbench.simulate(self.session.working.tell)
         return self._apart()
 
     def _apart(self) -> str:
