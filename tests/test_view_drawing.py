@@ -129,7 +129,7 @@ def test_trails_have_gaps_where_a_body_was_not_seen() -> None:
     assert lengths.sum() == pytest.approx(0.39 + 0.40)
     assert lengths.max() < 0.07
     assert not ((legs[:, 0, 0] < 0.39 - 1e-9) & (legs[:, 1, 0] > 0.6 - 1e-9)).any()
-    assert len(thinned(np.zeros((9, 3)))) == 0
+    assert len(thinned(np.zeros((9, 3)), 0.05)) == 0
 
 
 def test_frames_are_found_by_time() -> None:

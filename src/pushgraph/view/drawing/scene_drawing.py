@@ -145,7 +145,10 @@ class SceneDrawing:
                 ends = placed(track, len(track.times) - 1)[1:]
                 moved = np.abs(ends - placed(track, 0)[1:]).max(-1) > 1e-4
                 self._outcome.move(np.where(moved[:, None], ends, np.nan))
-                self._outcome_trails.show(track, [body.colour for body in self._outcome.drawn])
+                if track is self.track:  # whose trails are there already
+                    self._outcome_trails.clear()
+                else:
+                    self._outcome_trails.show(track, [body.colour for body in self._outcome.drawn])
             stated = track if track is not None and track.spread is not None else None
             _show_or_clear(self._outcome_spread, stated)
             if stated is not None:
