@@ -13,7 +13,7 @@ from pushgraph.view.drawing.layer import Layer, add_lines
 
 STEP = 0.004
 """A trail has a point so often along its way (m)."""
-MOST = 8_000
+MOST = 2_000
 """All trails together have so many legs, or a few more; where ways are longer, points are farther apart."""
 HEIGHT = 0.003
 """Above the table (m)."""
