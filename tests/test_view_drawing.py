@@ -35,7 +35,7 @@ from pushgraph.view.drawing.colours import BODIES, JOINTS
 from pushgraph.view.drawing.contact_arrows import opposite_arrows
 from pushgraph.view.drawing.forces import LONGEST
 from pushgraph.view.drawing.joints import ARM, drawn_joint
-from pushgraph.view.drawing.names import PADDING, WIDTH, View, heights_of
+from pushgraph.view.drawing.names import GAP, PADDING, WIDTH, View, heights_of
 from pushgraph.view.drawing.placing import LIFT, frame_at
 from pushgraph.view.drawing.solids import Solid, circle, prism
 from pushgraph.view.drawing.spread import PROBABILITIES, regions
@@ -108,6 +108,34 @@ def test_names_do_not_hide_each_other_at_first_sight() -> None:
     half = (WIDTH * lengths + 2 * PADDING) * 0.03 / 2
     for i, j in itertools.combinations(range(30), 2):
         assert abs(x[i] - x[j]) >= half[i] + half[j] - 1e-9 or abs(y[i] - y[j]) >= 0.03 * (1 + PADDING) - 1e-9
+
+
+def test_names_keep_clear_of_each_other_as_bodies_move_and_the_camera_turns(server, drawing: SceneDrawing) -> None:
+    scene = Scene(bodies=(body("left", -0.5, 0.0), body("behind", 0.5, 0.0)))
+    still = np.zeros((4, 3, 3))
+    still[:, 1:] = scene.poses_world_from_body
+    still[-1, 2] = [-0.5, 0.02, 0.0]
+    shown = Track(scene, np.arange(4) * 0.5, still, np.full(4, -1), np.ones((4, 3), dtype=bool))
+    drawing.show_track(shown)
+
+    def heights() -> list[float]:
+        labels = (server.scene.get_handle_by_name(f"/view/bodies/{name}/name") for name in scene.names)
+        return [round(float(label.position[2]) - 0.1 - GAP, 3) for label in labels]
+
+    assert heights() == [0.0, 0.0]
+    drawing.set_frame(3)
+    low, high = heights()
+    assert low == 0.0
+    assert high > 0.0
+    assert server.scene.get_handle_by_name("/view/bodies/behind/pole").visible
+    drawing.look_from(np.array([-0.5, 1.0, 0.5]), np.array([-0.5, 0.0, 0.0]))
+    turned = heights()
+    assert turned[0] > 0.0
+    assert turned[1] == 0.0
+    drawing.look_from(np.array([-0.5, 0.0, 1.0]), np.array([-0.5, 0.0, 0.0]))
+    assert heights() == turned
+    drawing.set_frame(0)
+    assert heights() == [0.0, 0.0]
 
 
 def test_rods_lead_from_body_to_body() -> None:

@@ -16,6 +16,7 @@ from pushgraph.lever_track import LeverTrack
 from pushgraph.scene import Scene
 from pushgraph.track import Track
 from pushgraph.view import LOCAL, PORT
+from pushgraph.view.cameras import follow_cameras
 from pushgraph.view.folder import Folder
 from pushgraph.view.handles import Handles
 from pushgraph.view.keyboard import add_keys
@@ -62,6 +63,7 @@ class Page:
         self.controls = add_panel(self.session)
         self.handles = Handles(self.session)
         add_keys(self.session)
+        follow_cameras(self.session)
         self._stopped = threading.Event()
         self._drawn = self.session.do(lambda: None)
 

@@ -31,6 +31,9 @@ from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
 from pushgraph.view.known_forces import KnownForces
 
+RENAMED = 0.3
+"""Names are placed anew so often in a track (s)."""
+
 
 class SceneDrawing:
     """Draws into the scene of a viser server: the scene, and on it what else is shown.
@@ -69,6 +72,8 @@ class SceneDrawing:
         self.goal: Goal | None = None
         self.outcome: Track | None = None
         self._view: View | None = None
+        self._seen: View | None = None
+        self._named = -np.inf
         self._frame = 0
 
     def show_scene(self, scene: Scene | LeverScene) -> None:
@@ -86,6 +91,7 @@ class SceneDrawing:
                 self.show_track(None)
             self._draw_scene(scene)
             self._place()
+            self.place_names()
 
     def move_bodies(self, scene: Scene) -> None:
         """Bring the bodies to where they are in the scene, which is otherwise the one shown: for what a drag shows."""
@@ -110,6 +116,7 @@ class SceneDrawing:
             _show_or_clear(self._force, planar if planar is not None and planar.wrench is not None else None)
             self._contact_forces.clear()
             self._place()
+            self.place_names()
 
     def show_forces(self, known: KnownForces | None) -> None:
         """The forces at every contact of the track that moves."""
@@ -186,11 +193,27 @@ class SceneDrawing:
                 self._arm.show(self.scene, trajectory)
                 self._place()
 
+    def look_from(self, position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> None:
+        """Place the names anew, for who looks from a position at a target (m), unless that is straight down."""
+        if self._view is not None and np.hypot(*(target - position)[:2]) > 1e-3:
+            self._seen = self._view._replace(position=tuple(position.tolist()), target=tuple(target.tolist()))
+            self.place_names()
+
+    def place_names(self) -> None:
+        """Place the names anew, for where the bodies are now."""
+        view = self._seen or self._view
+        if self.scene is not None and view is not None:
+            with self._server.atomic():
+                self._named = float(self.times[self._frame])
+                self._bodies.place_names(self._poses()[1:], view)
+
     def set_frame(self, frame: int) -> None:
         """Show this frame of the track (of the beliefs, if there is no track), from 0 to `len(times) - 1`."""
         self._frame = min(max(frame, 0), len(self.times) - 1)
         with self._server.atomic():
             self._place()
+            if abs(self.times[self._frame] - self._named) >= RENAMED:
+                self.place_names()
 
     def set_time(self, time: float) -> None:
         """Show the last frame that is not later than a time (s)."""
@@ -273,12 +296,17 @@ class SceneDrawing:
             with suppress(ArmError):  # the extra with its meshes is not installed: then the tool is shown alone
                 self._arm.show(scene)
 
+    def _poses(self) -> Float[np.ndarray, "nodes 7"]:
+        """Of tool and bodies in the frame."""
+        assert self.scene is not None
+        return start_of(self.scene) if self.track is None else placed(self.track, self._frame)
+
     def _place(self) -> None:
         """Bring everything to the frame."""
         if self.scene is None:
             return
         time = float(self.times[self._frame])
-        poses = start_of(self.scene) if self.track is None else placed(self.track, self._frame)
+        poses = self._poses()
         lift = self._arm.at(time - float(self.times[0]), poses[0])
         if lift is not None:
             poses[0, 2] = lift
