@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import workshop
+from scenes import body, workshop
 
 from pushgraph.errors import CancelledError, PlanningError, PushGraphError, SceneError, StorageError
+from pushgraph.scene import Scene
+from pushgraph.tool import Push
 from pushgraph.track import Track
 from pushgraph.view import scene_edits
 from pushgraph.view.folder import Folder
@@ -76,20 +78,29 @@ def test_what_is_refused_changes_nothing_and_what_is_done_is_undone(tmp_path: Pa
     assert bench.work is first
 
 
-def test_what_is_cancelled_changes_nothing(tmp_path: Path) -> None:
+WORK = {
+    "simulate": Workbench.simulate,
+    "watch": Workbench.step_belief,
+    "plan": lambda bench, told: bench.plan(1, told),
+}
+
+
+@pytest.mark.parametrize("work", ["simulate", "watch", pytest.param("plan", marks=pytest.mark.slow)])
+def test_what_is_cancelled_changes_nothing(work: str, tmp_path: Path) -> None:
     def cancelled(done: int, total: int) -> None:
         assert 0 <= done <= total
         if 3 * done > total:
             raise CancelledError("enough")
 
-    bench = Workbench(workshop(), Folder(tmp_path))
-    bench.set_goal({"body": "cup", "position": (0.25, 0.1)})
+    bodies = body("cup", 0.0, 0.0), body("far", 0.4, 0.4)
+    scene = Scene(bodies=bodies, pushes=(Push(start=(-0.13, 0.0), end=(-0.05, 0.0)),))
+    bench = Workbench(scene, Folder(tmp_path))
+    bench.set_goal({"body": "cup", "position": (0.1, 0.0)})
     bench.simulate()
     before = bench.work
-    for work in (bench.simulate, lambda told: bench.plan(1, told), bench.step_belief):
-        with pytest.raises(CancelledError):
-            work(cancelled)
-        assert bench.work is before
+    with pytest.raises(CancelledError):
+        WORK[work](bench, cancelled)
+    assert bench.work is before
 
 
 def test_forces_are_known_of_what_is_predicted_or_simulated_as_the_scene_is_now(tmp_path: Path) -> None:
