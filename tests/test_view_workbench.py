@@ -85,7 +85,7 @@ WORK = {
 }
 
 
-@pytest.mark.parametrize("work", ["simulate", "watch", pytest.param("plan", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("work", ["simulate", *(pytest.param(one, marks=pytest.mark.slow) for one in ("watch", "plan"))])
 def test_what_is_cancelled_changes_nothing(work: str, tmp_path: Path) -> None:
     def cancelled(done: int, total: int) -> None:
         assert 0 <= done <= total
