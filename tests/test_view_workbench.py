@@ -85,7 +85,10 @@ WORK = {
 }
 
 
-@pytest.mark.parametrize("work", ["simulate", *(pytest.param(one, marks=pytest.mark.slow) for one in ("watch", "plan"))])
+SLOW = [pytest.param(work, marks=pytest.mark.slow) for work in ("watch", "plan")]
+
+
+@pytest.mark.parametrize("work", ["simulate", *SLOW])
 def test_what_is_cancelled_changes_nothing(work: str, tmp_path: Path) -> None:
     def cancelled(done: int, total: int) -> None:
         assert 0 <= done <= total
