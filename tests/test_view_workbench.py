@@ -106,6 +106,7 @@ def test_what_is_cancelled_changes_nothing(work: str, tmp_path: Path) -> None:
     assert bench.work is before
 
 
+@pytest.mark.slow
 def test_forces_are_known_of_what_is_predicted_or_simulated_as_the_scene_is_now(tmp_path: Path) -> None:
     bench = Workbench(workshop(), Folder(tmp_path))
     bench.predict()

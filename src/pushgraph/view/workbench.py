@@ -106,6 +106,7 @@ class Workbench(Editing):
         """The forces at the contacts of one of the tracks, computed when they are first asked for."""
         if self._forces is None or self._forces[0] is not track:
             history, scene = self.work.history, self.work.scene
+            check_length(track.scene)
             believed = [history.apply_to(scene)] if history is not None and isinstance(scene, Scene) else []
             self._forces = track, forces_of(track, self._predictor, believed)
         return self._forces[1]
