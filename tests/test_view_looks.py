@@ -153,7 +153,7 @@ def saved_forces(path: Path) -> str:
     predictor = load()
     track = predictor.predict(demo())
     save_page(path, track, forces=forces_of(track, predictor), title="Forces at all contacts")
-    return "1.8"
+    return "2.0"
 
 
 def saved_arm(path: Path) -> str:
