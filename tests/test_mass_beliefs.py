@@ -20,7 +20,7 @@ from pushgraph.cli.scenes import load_scene
 from pushgraph.errors import BeliefError
 from pushgraph.mass_history import MassHistory
 from pushgraph.mass_prior import MASS_CLASSES
-from pushgraph.scene import Scene
+from pushgraph.scene import Scene, Table
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push, Tool
 from pushgraph.track import Track
@@ -104,6 +104,20 @@ def test_the_force_sensor_of_a_track_tells_what_no_motion_can(model) -> None:
     (felt,) = BeliefHistory.watch(scene, track, model, weigh=True).masses
     assert max(blind.classes.values()) < 0.5
     assert felt.classes["normal"] > 0.9
+
+
+def test_the_table_s_friction_is_learnt_where_a_mass_and_the_force_are_known(model, tmp_path) -> None:
+    slippery = chain().replace(table=Table(friction=0.3))
+    told = without_mass(slippery, "far").replace(table=Table(friction=None))
+    history = BeliefHistory.watch(told, simulate(slippery), model)
+    friction = history.mass_history.friction
+    assert friction.shape == (len(history.mass_history.times), 3)
+    np.testing.assert_allclose(friction[0], [0.4, 0.264, 0.536], atol=0.05)
+    median, low, high = friction[-1]
+    assert median == pytest.approx(0.3, abs=0.04)
+    assert high - low < 0.1
+    history.save(tmp_path / "beliefs.json")
+    np.testing.assert_allclose(BeliefHistory.load(tmp_path / "beliefs.json").mass_history.friction, friction, atol=1e-5)
 
 
 def test_a_file_keeps_them(history, files) -> None:

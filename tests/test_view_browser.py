@@ -1,5 +1,6 @@
 """The viewer in a real browser: what is dragged, clicked and typed there, and what is seen of it."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +18,7 @@ pytest.importorskip("viser", reason="the extra [viewer] is not installed")
 
 from pushgraph.view.page import Page
 from pushgraph.view.panel.files import FileControls
+from pushgraph.view.panel.outline import OutlineControls
 from pushgraph.view.workbench import PREDICTED, SIMULATED
 
 pytestmark = pytest.mark.slow
@@ -35,6 +37,12 @@ def page(tmp_path: Path) -> Iterator[Page]:
     with Page(pair(), folder=tmp_path) as served:
         served.ready()
         yield served
+
+
+def endless(page: Page) -> None:
+    while True:
+        page.session.working.tell(0, 1)
+        time.sleep(0.02)
 
 
 def test_push_body_and_goal_are_dragged_and_the_buttons_work(page: Page, tmp_path: Path) -> None:
@@ -66,6 +74,26 @@ def test_push_body_and_goal_are_dragged_and_the_buttons_work(page: Page, tmp_pat
         seen.page.get_by_role("tab", name="Plan").click()
         seen.page.get_by_text("Plan", exact=True).last.click()
         person.until(lambda: bench.work.plan is not None, 90.0)
+
+        seen.page.get_by_role("tab", name="Bodies").click()
+        seen.page.get_by_text("Draw", exact=True).click()
+        outline = page.controls[OutlineControls]
+        person.until(lambda: outline.drawing)
+        seen.page.wait_for_timeout(500)
+        for number, (x, y) in enumerate(((0.15, 0.2), (0.25, 0.2), (0.2, 0.28)), start=1):
+            seen.page.mouse.click(*person.pixel(np.array([x, y, 0.0])))
+            person.until(lambda number=number: len(outline.corners) == number)
+            assert np.hypot(*np.subtract(outline.corners[-1], (x, y))) < 0.01
+        seen.page.get_by_text("Close", exact=True).click()
+        person.until(lambda: len(bench.planar.bodies) == 3)
+        page.session.do(bench.undo).result()
+
+        until_cancelled = page.session.do(lambda: endless(page))
+        seen.page.get_by_text("Cancel", exact=True).first.wait_for()
+        seen.page.get_by_text("Drag", exact=True).first.click()
+        seen.page.keyboard.press("Escape")
+        until_cancelled.result(30)
+        assert page.session.message.startswith("Cancelled")
 
         seen.page.get_by_role("tab", name="Files").click()
         seen.page.locator("input.mantine-TextInput-input:visible").fill("from-browser")

@@ -1,6 +1,7 @@
 """What the browser viewer draws: geometry worked out by hand, and laws of what is sent."""
 
 import base64
+import dataclasses
 import itertools
 import re
 import threading
@@ -20,7 +21,9 @@ from pushgraph import pose, pose_3d
 from pushgraph.arm import Arm
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.body import Joint
+from pushgraph.forces import ContactForces
 from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.mass_history import MassHistory
 from pushgraph.scene import Scene
 from pushgraph.shape import Cuboid, Polygon
 from pushgraph.spread import Spread
@@ -29,12 +32,15 @@ from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.drawing.beliefs import rods
 from pushgraph.view.drawing.colours import BODIES, JOINTS
+from pushgraph.view.drawing.contact_arrows import opposite_arrows
+from pushgraph.view.drawing.forces import LONGEST
 from pushgraph.view.drawing.joints import ARM, drawn_joint
-from pushgraph.view.drawing.names import PADDING, WIDTH, View, heights_of
+from pushgraph.view.drawing.names import GAP, PADDING, WIDTH, View, heights_of
 from pushgraph.view.drawing.placing import LIFT, frame_at
 from pushgraph.view.drawing.solids import Solid, circle, prism
 from pushgraph.view.drawing.spread import PROBABILITIES, regions
 from pushgraph.view.drawing.trails import thinned
+from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.legend import facts, legend
 from pushgraph.view.saved_page import save_page
 from pushgraph.view.server import start_server
@@ -104,6 +110,34 @@ def test_names_do_not_hide_each_other_at_first_sight() -> None:
         assert abs(x[i] - x[j]) >= half[i] + half[j] - 1e-9 or abs(y[i] - y[j]) >= 0.03 * (1 + PADDING) - 1e-9
 
 
+def test_names_keep_clear_of_each_other_as_bodies_move_and_the_camera_turns(server, drawing: SceneDrawing) -> None:
+    scene = Scene(bodies=(body("left", -0.5, 0.0), body("behind", 0.5, 0.0)))
+    still = np.zeros((4, 3, 3))
+    still[:, 1:] = scene.poses_world_from_body
+    still[-1, 2] = [-0.5, 0.02, 0.0]
+    shown = Track(scene, np.arange(4) * 0.5, still, np.full(4, -1), np.ones((4, 3), dtype=bool))
+    drawing.show_track(shown)
+
+    def heights() -> list[float]:
+        labels = (server.scene.get_handle_by_name(f"/view/bodies/{name}/name") for name in scene.names)
+        return [round(float(label.position[2]) - 0.1 - GAP, 3) for label in labels]
+
+    assert heights() == [0.0, 0.0]
+    drawing.set_frame(3)
+    low, high = heights()
+    assert low == 0.0
+    assert high > 0.0
+    assert server.scene.get_handle_by_name("/view/bodies/behind/pole").visible
+    drawing.look_from(np.array([-0.5, 1.0, 0.5]), np.array([-0.5, 0.0, 0.0]))
+    turned = heights()
+    assert turned[0] > 0.0
+    assert turned[1] == 0.0
+    drawing.look_from(np.array([-0.5, 0.0, 1.0]), np.array([-0.5, 0.0, 0.0]))
+    assert heights() == turned
+    drawing.set_frame(0)
+    assert heights() == [0.0, 0.0]
+
+
 def test_rods_lead_from_body_to_body() -> None:
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=(2, 20, 3))
@@ -123,7 +157,7 @@ def test_trails_have_gaps_where_a_body_was_not_seen() -> None:
     assert lengths.sum() == pytest.approx(0.39 + 0.40)
     assert lengths.max() < 0.07
     assert not ((legs[:, 0, 0] < 0.39 - 1e-9) & (legs[:, 1, 0] > 0.6 - 1e-9)).any()
-    assert len(thinned(np.zeros((9, 3)))) == 0
+    assert len(thinned(np.zeros((9, 3)), 0.05)) == 0
 
 
 def test_frames_are_found_by_time() -> None:
@@ -231,6 +265,25 @@ def test_it_plays_at_true_speed_and_steps(server, drawing: SceneDrawing) -> None
     timeline.stop()
 
 
+def test_forces_at_contacts_are_opposite_arrows_over_the_two_bodies(server, drawing: SceneDrawing) -> None:
+    track = track_of(workshop())
+    one, other = np.full(2, 1), np.array([2, 0])
+    forces = ContactForces(np.array([3, 5]), one, other, np.zeros((2, 2)), np.array([[3.0, 0.0], [0.0, 4.0]]), one > 1)
+    drawing.show_track(track)
+    drawing.show_forces(KnownForces("predicted", forces))
+    assert "contact forces (predicted)" in legend(drawing)
+    newtons = drawing.contact_forces[1]
+    assert newtons == pytest.approx(4.0 * 0.1 / LONGEST)
+    first, second = opposite_arrows(forces.at(3), np.array([0.2]), newtons)
+    np.testing.assert_allclose(first, [[0.0, 0.0, 0.2], [3.0 * 0.1 / newtons, 0.0, 0.2]])
+    np.testing.assert_allclose(second[1], [-3.0 * 0.1 / newtons, 0.0, 0.2])
+    for frame in (3, 4, 5):
+        drawing.set_frame(frame)
+    drawing.show_track(track)
+    assert drawing.contact_forces == ("", 0.0)
+    assert len(opposite_arrows(forces, np.zeros(2), 1e3)) == 0
+
+
 def history(scene: Scene, frames: int = 30) -> BeliefHistory:
     """Of one pair that becomes a hinge."""
     shares = np.zeros((frames, 1, len(JOINT_CODES)))
@@ -261,7 +314,17 @@ def test_the_legend_and_the_facts_say_what_is_there(drawing: SceneDrawing) -> No
     assert "68 and 95 %" in legend(drawing)
     said = facts(scene)
     assert "0.5 kg" in said
-    assert "0.25 assumed" in said
+    assert "0.25 assumed (0.15 to 0.27)" in said
+    assert "0.45</td>" in said
+    unknown = Scene(bodies=(body("cup", 0.0, 0.0, mass=None),), table=scene.table.replace(friction=None))
+    said = facts(unknown)
+    assert "0.45 assumed (0.26 to 0.54)" in said
+    assert "0.6 kg assumed (0.34 to 9)" in said
+    frictions = np.array([[0.4, 0.3, 0.5], [0.3, 0.2, 0.4]])
+    told = MassHistory([], np.array([0.0, 1.0]), *np.zeros((2, 2, 0, 3)), [], frictions)
+    believed = dataclasses.replace(history(unknown), mass_history=told)
+    assert "0.4 (0.3 to 0.5)" in facts(unknown, believed, 0.9)
+    assert "0.3 (0.2 to 0.4)" in facts(unknown, believed)
 
 
 # Machado, Oliveira, Fernandes, "A physiologically-based model for simulation of color vision deficiency" (2009).

@@ -5,6 +5,7 @@ import os
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -21,6 +22,7 @@ from pushgraph.tool import Push, Tool
 
 pytest.importorskip("viser", reason="the extra [viewer] is not installed")
 
+from viser import _messages
 from visitor import Visitor
 
 from pushgraph.view.page import Page
@@ -28,6 +30,7 @@ from pushgraph.view.panel.bodies import SHAPES, BodyControls
 from pushgraph.view.panel.files import FileControls
 from pushgraph.view.panel.goals import GoalControls
 from pushgraph.view.panel.joints import JointControls
+from pushgraph.view.panel.outline import OutlineControls
 from pushgraph.view.panel.pushes import PushControls
 from pushgraph.view.panel.tracks import DeedControls
 from pushgraph.view.server import is_foreign
@@ -111,6 +114,57 @@ def test_what_is_refused_is_told_in_the_words_of_scene_files(page: Page, visitor
         Scene.from_json(json.dumps(content))
     assert said == str(refused.value)
     assert page.session.workbench.scene is scene
+
+
+def test_what_takes_long_is_cancelled_by_a_button_that_then_appears(page: Page, visitor: Visitor) -> None:
+    working, before = page.session.working, page.session.workbench.work
+
+    def endless() -> None:
+        while True:
+            working.tell(1, 10)
+            time.sleep(0.01)
+
+    assert not working.seen
+    page.session.do(lambda: None).result()
+    assert not working.seen
+    asked = page.session.do(endless)
+    while not working.seen:
+        time.sleep(0.01)
+    visitor.set(working.button, True)
+    asked.result(30)
+    assert not working.seen
+    assert page.session.message == "Cancelled; everything is as it was."
+    assert page.session.workbench.work is before
+
+
+def test_a_polygon_is_drawn_by_clicks_and_checked_as_scene_files_are(page: Page, visitor: Visitor) -> None:
+    controls, bench = page.controls[OutlineControls], page.session.workbench
+    assert "none was begun" in visitor.click(controls, "Close")
+    visitor.click(controls, "Draw")
+
+    def click(x: float, y: float) -> None:
+        before = list(controls.corners)
+        eye = (x, y - 1.0, 1.0)
+        visitor.send(_messages.ScenePointerMessage("click", eye, (0.0, 1.0, -1.0), ((0.5, 0.5),), None))
+        while controls.corners == before:
+            time.sleep(0.01)
+
+    for corner in ((0.30, 0.30), (0.40, 0.30), (0.30, 0.40), (0.40, 0.40), (0.35, 0.50)):
+        click(*corner)
+    visitor.click(controls, "Back")
+    assert "shape.points: the outline crosses or touches itself" in visitor.click(controls, "Close")
+    assert len(controls.corners) == 4
+    for _ in range(2):
+        visitor.click(controls, "Back")
+    for corner in ((0.40, 0.40), (0.30, 0.40)):
+        click(*corner)
+    visitor.click(controls, "Close")
+    added = bench.planar.bodies[-1]
+    assert added.pose_world_from_body == (0.35, 0.35, 0.0)
+    assert added.shape.points == ((-0.05, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05))
+    assert controls.corners == []
+    assert not controls.drawing
+    bench.undo()
 
 
 def test_two_browsers_share_one_state(page: Page, visitor: Visitor, monkeypatch: pytest.MonkeyPatch) -> None:

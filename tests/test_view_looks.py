@@ -28,6 +28,7 @@ from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
+from pushgraph.view.known_forces import forces_of
 from pushgraph.view.page import Page
 from pushgraph.view.saved_page import save_page
 from pushgraph.view.server import start_server
@@ -38,7 +39,7 @@ pytestmark = pytest.mark.slow
 SCENES = Path(str(files("pushgraph"))) / "scenes"
 COLOURS = 256
 """Of pictures for the docs: they stay small."""
-FOR_DOCS = ("page", "ghosts", "beliefs", "arm", "lever")
+FOR_DOCS = ("page", "ghosts", "beliefs", "arm", "lever", "forces")
 RATE = """async () => {
   const start = performance.now(), drawn = window.drawn || 0;
   let frames = 0;
@@ -148,6 +149,13 @@ def saved_beliefs(path: Path) -> str:
     return "4.2"
 
 
+def saved_forces(path: Path) -> str:
+    predictor = load()
+    track = predictor.predict(demo())
+    save_page(path, track, forces=forces_of(track, predictor), title="Forces at all contacts")
+    return "2.0"
+
+
 def saved_arm(path: Path) -> str:
     execution = simulate_with_arm(demo())
     save_page(path, execution.track, trajectory=execution.trajectory, title="A UR10 pushes")
@@ -160,7 +168,7 @@ def saved_lever(path: Path) -> str:
     return "2.0"
 
 
-@pytest.mark.parametrize("saved", [saved_ghosts, saved_beliefs, saved_arm, saved_lever])
+@pytest.mark.parametrize("saved", [saved_ghosts, saved_beliefs, saved_forces, saved_arm, saved_lever])
 def test_saved_pages_show_what_moves_without_network(saved, tmp_path: Path) -> None:
     path, name = tmp_path / "page.html", saved.__name__.removeprefix("saved_")
     moment = saved(path)

@@ -1,13 +1,17 @@
 """Trying out without a browser: what edits do to all that hangs on a body, undo, and the one folder."""
 
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import workshop
+from scenes import body, workshop
 
-from pushgraph.errors import PlanningError, PushGraphError, SceneError, StorageError
+from pushgraph.errors import CancelledError, PlanningError, PushGraphError, SceneError, StorageError
+from pushgraph.scene import Scene
+from pushgraph.tool import Push
+from pushgraph.track import Track
 from pushgraph.view import scene_edits
 from pushgraph.view.folder import Folder
 from pushgraph.view.workbench import Workbench
@@ -72,6 +76,49 @@ def test_what_is_refused_changes_nothing_and_what_is_done_is_undone(tmp_path: Pa
     for _ in range(3):
         bench.undo()
     assert bench.work is first
+
+
+WORK = {
+    "simulate": Workbench.simulate,
+    "watch": Workbench.step_belief,
+    "plan": lambda bench, told: bench.plan(1, told),
+}
+
+
+SLOW = [pytest.param(work, marks=pytest.mark.slow) for work in ("watch", "plan")]
+
+
+@pytest.mark.parametrize("work", ["simulate", *SLOW])
+def test_what_is_cancelled_changes_nothing(work: str, tmp_path: Path) -> None:
+    def cancelled(done: int, total: int) -> None:
+        assert 0 <= done <= total
+        if 3 * done > total:
+            raise CancelledError("enough")
+
+    bodies = body("cup", 0.0, 0.0), body("far", 0.4, 0.4)
+    scene = Scene(bodies=bodies, pushes=(Push(start=(-0.13, 0.0), end=(-0.05, 0.0)),))
+    bench = Workbench(scene, Folder(tmp_path))
+    bench.set_goal({"body": "cup", "position": (0.1, 0.0)})
+    bench.simulate()
+    before = bench.work
+    with pytest.raises(CancelledError):
+        WORK[work](bench, cancelled)
+    assert bench.work is before
+
+
+@pytest.mark.slow
+def test_forces_are_known_of_what_is_predicted_or_simulated_as_the_scene_is_now(tmp_path: Path) -> None:
+    bench = Workbench(workshop(), Folder(tmp_path))
+    bench.predict()
+    bench.simulate()
+    predicted, simulated = bench.work.tracks.values()
+    assert [bench.forces(track).source for track in (predicted, simulated)] == ["predicted", "simulated"]
+    assert bench.forces(simulated) is bench.forces(simulated)
+    predicted.save(tmp_path / "track.h5")
+    assert bench.forces(Track.load(tmp_path / "track.h5")).source == "predicted"
+    moved = dataclasses.replace(predicted, poses=predicted.poses + 1e-3)
+    with pytest.raises(PushGraphError, match="neither"):
+        bench.forces(moved)
 
 
 def test_pushes_of_hours_are_left_to_the_command_line(tmp_path: Path) -> None:

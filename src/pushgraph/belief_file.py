@@ -66,6 +66,7 @@ class MassEntries(Record):
     probabilities: tuple[tuple[tuple[float, ...], ...], ...]
     quantiles: tuple[tuple[Interval, ...], ...]
     believed: tuple[MassEntry, ...]
+    friction: tuple[Interval, ...] | None = None
 
 
 class BeliefFile(Record):

@@ -14,7 +14,7 @@ from pushgraph import pose
 from pushgraph.belief import BeliefModel
 from pushgraph.belief_file import BeliefFile
 from pushgraph.believed_joint import BelievedJoint
-from pushgraph.believed_mass import BelievedMass
+from pushgraph.believed_mass import BelievedMass, Interval
 from pushgraph.body import Joint
 from pushgraph.errors import BeliefError
 from pushgraph.graph.scene_batch import JOINT_CODES
@@ -151,6 +151,7 @@ class Watching:
         self.regulator = BeliefRegulator(scene, model, given, weigh)
         self._probabilities: tuple[Float[np.ndarray, "pairs joints"], ...] = ()
         self._weighings: Mapping[float, list[BelievedMass]] = {}
+        self._frictions: tuple[Interval | None, ...] = ()
 
     def copied(self) -> "Watching":
         """The same as it is now; what is watched further leaves the original as it is."""
@@ -163,16 +164,17 @@ class Watching:
     ) -> None:
         """Watch the frames from where it stopped up to this one, which it leaves out."""
         track, end = self.frames, min(end, self.end)
-        probabilities, weighings = [*self._probabilities], dict(self._weighings)
+        probabilities, weighings, frictions = [*self._probabilities], dict(self._weighings), [*self._frictions]
         for frame in range(self.done, end):
             poses = np.where(track.seen[frame, :, None], track.poses[frame], np.nan)
             wrench = None if track.wrench is None else track.wrench[frame]
             probabilities.append(self.regulator.observe(poses, bool(track.down[frame]), wrench))
             if frame % FRAMES_PER_WEIGHING == 0 or frame == end - 1:
                 weighings[float(track.times[frame])] = self.regulator.masses()
+                frictions.append(self.regulator.table_friction())
             progress(frame, self.regulator)
         self.done = max(self.done, end)
-        self._probabilities, self._weighings = tuple(probabilities), weighings
+        self._probabilities, self._weighings, self._frictions = tuple(probabilities), weighings, tuple(frictions)
 
     def correct(self, pair: tuple[str, str], kind: str | None) -> None:
         """See `BeliefRegulator.correct`; the last frame that was watched says so, too."""
@@ -193,7 +195,7 @@ class Watching:
             {name: stretches for name, stretches in lost.items() if stretches},
             self.regulator.joints(),
             self.regulator.scene(),
-            MassHistory.of(self._weighings),
+            MassHistory.of(self._weighings, self._frictions),
         )
 
 

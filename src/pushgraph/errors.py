@@ -49,6 +49,10 @@ class ViewerError(PushGraphError):
     """A picture or an animation cannot be made."""
 
 
+class CancelledError(ViewerError):
+    """A person cancelled what was being done."""
+
+
 class NetworkError(PushGraphError):
     """There is no such network, or it does not keep its contract."""
 

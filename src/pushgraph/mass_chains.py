@@ -31,7 +31,7 @@ class MassPosterior(NamedTuple):
 
     probabilities: of the scene's classes. median, low, high: kg; low and high are the ends of the interval that holds
     68 %. slide_median, slide_low, slide_high: of the force that slides it, table friction times weight (N). samples:
-    logarithms of masses (kg) as they may be together. Of NumPy or torch.
+    logarithms of masses (kg) as they may be together. friction: of the table; median, low and high. Of NumPy or torch.
     """
 
     probabilities: Float[Any, "batch bodies classes"]
@@ -42,6 +42,7 @@ class MassPosterior(NamedTuple):
     slide_low: Float[Any, "batch bodies"]
     slide_high: Float[Any, "batch bodies"]
     samples: Float[Any, "batch samples bodies"]
+    friction: Float[Any, "batch 3"]
 
 
 class MassPriors(NamedTuple):
@@ -142,7 +143,8 @@ class MassChains(NamedTuple):
             np.where(known_friction, mass * np.exp(samples[:, 0, bodies:]) * GRAVITY, slide)
             for mass, slide in zip(quantiles, slides, strict=True)
         ]
-        arrays = (probabilities, *quantiles, *slides, samples[..., :bodies])
+        friction = np.quantile(np.exp(samples[..., bodies]), LEVELS, axis=1).T
+        arrays = (probabilities, *quantiles, *slides, samples[..., :bodies], friction)
         return MassPosterior(*(torch.from_numpy(np.ascontiguousarray(values)) for values in arrays))
 
     def _moved(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.believed_mass import BelievedMass
+from pushgraph.believed_mass import BelievedMass, Interval
 from pushgraph.errors import BeliefError
 from pushgraph.scene import Scene
 
@@ -20,7 +20,8 @@ class MassHistory:
     """What was believed of the masses of some bodies, at some moments.
 
     classes: names, in the scene's order. times: seconds. quantiles: median, and the ends of the interval that holds
-    68 % (kg). believed: in the end, body by body in the order of the arrays.
+    68 % (kg). believed: in the end, body by body in the order of the arrays. friction: of the table, its median and
+    ends; None if the scene tells it.
     """
 
     classes: Sequence[str]
@@ -28,17 +29,21 @@ class MassHistory:
     probabilities: Float[np.ndarray, "moments bodies classes"]
     quantiles: Float[np.ndarray, "moments bodies 3"]
     believed: Sequence[BelievedMass]
+    friction: Float[np.ndarray, "moments 3"] | None = None
 
     @classmethod
-    def of(cls, moments: Mapping[float, Sequence[BelievedMass]]) -> "MassHistory | None":
-        """Of what was believed at each time (s); None if no mass was learnt."""
+    def of(
+        cls, moments: Mapping[float, Sequence[BelievedMass]], frictions: Sequence[Interval | None]
+    ) -> "MassHistory | None":
+        """Of what was believed at each time (s), and then of the table's friction; None if no mass was learnt."""
         *_, believed = moments.values()
         if not believed:
             return None
         classes = list(believed[0].classes)
         probabilities = [[[mass.classes[name] for name in classes] for mass in masses] for masses in moments.values()]
         quantiles = [[mass.mass for mass in masses] for masses in moments.values()]
-        return cls(classes, np.array(list(moments)), np.array(probabilities), np.array(quantiles), believed)
+        friction = None if None in frictions else np.array(frictions)
+        return cls(classes, np.array(list(moments)), np.array(probabilities), np.array(quantiles), believed, friction)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, as they stand in beliefs.json."""
@@ -48,6 +53,7 @@ class MassHistory:
             "probabilities": np.round(self.probabilities, DIGITS).tolist(),
             "quantiles": np.round(self.quantiles, DIGITS).tolist(),
             "believed": [mass.to_json() for mass in self.believed],
+            "friction": None if self.friction is None else np.round(self.friction, DIGITS).tolist(),
         }
 
     @classmethod
@@ -86,7 +92,13 @@ class MassHistory:
             raise BeliefError(f"{where}: there must be a body, and finite times that rise")
         _check_probabilities(probabilities, where)
         _check_intervals(quantiles, where)
-        return cls(classes, times, probabilities, quantiles, believed)
+        friction = None
+        if content.get("friction") is not None:
+            friction = np.array(content["friction"], dtype=float)
+            if friction.shape != (len(times), 3):
+                raise BeliefError(f"{where}: friction: shape must be {(len(times), 3)}, got {friction.shape}")
+            _check_intervals(friction, where)
+        return cls(classes, times, probabilities, quantiles, believed, friction)
 
 
 def with_masses(scene: Scene, believed: Sequence[BelievedMass]) -> Scene:
@@ -113,7 +125,8 @@ def _check_intervals(intervals: Float[np.ndarray, "*rows 3"], where: str) -> Non
     median, low, high = np.moveaxis(intervals, -1, 0)
     if not ((low > 0) & (low <= median) & (median <= high) & np.isfinite(high)).all():
         raise BeliefError(
-            f"{where}: masses, forces and ratios must be [median, low, high], finite, with 0 < low <= median <= high"
+            f"{where}: masses, forces, ratios and frictions must be [median, low, high], finite, with 0 < low <= "
+            "median <= high"
         )
 
 

@@ -21,7 +21,7 @@ from pushgraph.dataset.engines import single_threaded
 from pushgraph.errors import BeliefError, TrackError
 from pushgraph.graph.believed import believe, joint_places
 from pushgraph.graph.scene_batch import JOINT_CODES, Relations, batch_scenes, pairs_of
-from pushgraph.mass_chains import LEVELS
+from pushgraph.mass_chains import LEVELS, MassPosterior
 from pushgraph.parting import parted
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.pose import wrap_angle
@@ -86,6 +86,7 @@ class BeliefRegulator:
         self._watch: Watch | None = None
         self._corrected: Mapping[int, int] = {}
         self._pushes: PushLearner | None = None
+        self._weighed: tuple[Watch, MassPosterior] | None = None
 
     def observe(
         self,
@@ -219,8 +220,8 @@ class BeliefRegulator:
         watch = self._watched
         if watch.masses is None:
             return []
+        answer = self._answer(watch)
         with single_threaded():
-            answer = self.model.masses(watch)
             group = watch.masses.chains.groups(watch.masses.evidence)[0]
         names, classes = self.original.names, [one.name for one in self._classes[0]]
         free = watch.masses.chains.priors.free[0]
@@ -243,6 +244,21 @@ class BeliefRegulator:
                 )
             )
         return believed
+
+    def table_friction(self) -> Interval | None:
+        """What is believed of the table's friction; None if the scene tells it, or no mass is learnt."""
+        watch = self._watched
+        if watch.masses is None or not watch.masses.chains.priors.free[0, -1]:
+            return None
+        median, low, high = self._answer(watch).friction[0].tolist()
+        return median, low, high
+
+    def _answer(self, watch: Watch) -> MassPosterior:
+        """What is believed of masses now, computed once for the same evidence."""
+        if self._weighed is None or self._weighed[0] is not watch:
+            with single_threaded():
+                self._weighed = watch, self.model.masses(watch)
+        return self._weighed[1]
 
     @property
     def _watched(self) -> Watch:

@@ -31,6 +31,9 @@ def view(
     folder: Annotated[
         Path, typer.Option(help="The only folder that the page reads from and writes to.", show_default="this one")
     ] = Path("."),
+    forces: Annotated[
+        bool, typer.Option("--forces", help="Show the forces at all contacts, of a predicted or simulated track.")
+    ] = False,
     host: Annotated[
         str, typer.Option(help="Address to listen on: others than the default let other machines in, with no password.")
     ] = "127.0.0.1",
@@ -54,18 +57,19 @@ def view(
     from pushgraph.view import check_installed
 
     check_installed()
-    from pushgraph.view.page import Page, open_shown, open_track, with_prediction
+    from pushgraph.view.page import Page, known_forces, open_shown, open_track, with_prediction
 
     opened = open_shown(shown, scene)
     other = None if compare is None else open_track(compare)
     if save is not None:
         from pushgraph.view.saved_page import save_page
 
-        save_page(save, with_prediction(opened), compare=other)
+        shown_there = with_prediction(opened)
+        save_page(save, shown_there, compare=other, forces=known_forces(shown_there) if forces else None)
         say_files([save])
         return
     with console.status("Opening the page; the first prediction on a machine compiles for some 20 s"):
-        page = Page(opened, other, folder, host, port, Path(shown).name)
+        page = Page(opened, other, folder, host, port, Path(shown).name, forces)
         page.ready()
     with contextlib.suppress(KeyboardInterrupt):
         console.print(f"The page is at {page.url}; Ctrl-C ends it.", highlight=False, markup=False)

@@ -230,26 +230,21 @@ class Moment:
             self._add_drives(own, gradient)
 
         # Contacts: force and stiffness at the point, on the relative motion, world axes.
+        force_x, force_y, torque = self.forces()
         hold = problem.stiffness * (self.depth > 0)
         drag = self.grip * self.grip_length
         stick = drag * (1 - self.secant * (self.tangential * self.grip_length).square())
-        along, across = -self.pressing, drag * self.tangential
-        along, across = along - problem.force[0], across - problem.force[1]
-        force_x, force_y = along * n_x - across * n_y, along * n_y + across * n_x
         k_xx = hold * n_x * n_x + stick * n_y * n_y
         k_xy = (hold - stick) * n_x * n_y
         k_yy = hold * n_y * n_y + stick * n_x * n_x
-        k_tt = torque = torch.zeros_like(k_xx)
+        k_tt = torch.zeros_like(k_xx)
         joints = problem.joints
         if len(joints.turn):
             a_x, a_y = joints.axis
             hinge, slider = JOINT_STIFFNESS * problem.hinge, JOINT_STIFFNESS * problem.slider
-            low, high = (joints.low + self.used).clamp(max=0), (joints.high - self.used).clamp(max=0)
-            limit, held = JOINT_STIFFNESS * (low - high), JOINT_STIFFNESS * ((low < 0) | (high < 0))
-            limit_x, held_x = limit * problem.slider, held * problem.slider
-            force_x = torch.cat((force_x, hinge * self.drift_x - slider * self.across * a_y + limit_x * a_x))
-            force_y = torch.cat((force_y, hinge * self.drift_y + slider * self.across * a_x + limit_x * a_y))
-            torque = torch.cat((torque, slider * self.turn + limit * problem.hinge))
+            low, high = self._past_limits()
+            held = JOINT_STIFFNESS * ((low < 0) | (high < 0))
+            held_x = held * problem.slider
             k_xx = torch.cat((k_xx, hinge + slider * a_y * a_y + held_x * a_x * a_x))
             k_xy = torch.cat((k_xy, (held_x - slider) * a_x * a_y))
             k_yy = torch.cat((k_yy, hinge + slider * a_x * a_x + held_x * a_y * a_y))
@@ -265,6 +260,31 @@ class Moment:
         sums.index_add_(1, points.second, torch.stack(second))
         between = -torch.stack((k_xx, k_xy, xt_2, k_xy, k_yy, yt_2, xt_1, yt_1, tt))
         return Linearized(sums[6:], sums[:6], between)
+
+    def forces(self) -> tuple[Float[Tensor, " points"], Float[Tensor, " points"], Float[Tensor, " points"]]:
+        """What the first node bears at every point, x, y and moment about it; the second bears the opposite."""
+        problem = self.problem
+        n_x, n_y = problem.normal
+        along, across = -self.pressing, self.grip * self.grip_length * self.tangential
+        along, across = along - problem.force[0], across - problem.force[1]
+        force_x, force_y = along * n_x - across * n_y, along * n_y + across * n_x
+        torque = torch.zeros_like(force_x)
+        joints = problem.joints
+        if len(joints.turn):
+            a_x, a_y = joints.axis
+            hinge, slider = JOINT_STIFFNESS * problem.hinge, JOINT_STIFFNESS * problem.slider
+            low, high = self._past_limits()
+            limit = JOINT_STIFFNESS * (low - high)
+            limit_x = limit * problem.slider
+            force_x = torch.cat((force_x, hinge * self.drift_x - slider * self.across * a_y + limit_x * a_x))
+            force_y = torch.cat((force_y, hinge * self.drift_y + slider * self.across * a_x + limit_x * a_y))
+            torque = torch.cat((torque, slider * self.turn + limit * problem.hinge))
+        return force_x, force_y, torque
+
+    def _past_limits(self) -> tuple[Float[Tensor, " joints"], Float[Tensor, " joints"]]:
+        """The room that joints lack to their lower and upper limits, at most 0."""
+        joints = self.problem.joints
+        return (joints.low + self.used).clamp(max=0), (joints.high - self.used).clamp(max=0)
 
     def _add_drives(self, own: Float[Tensor, "6 nodes"], gradient: Float[Tensor, "3 nodes"]) -> None:
         """Add force and stiffness of what drives tools with a limit."""

@@ -27,6 +27,7 @@ from pushgraph.network.contact_problem import FARTHEST, SLIP, ContactProblem
 from pushgraph.network.contract import Advance, Foresight, PhysicsNetwork
 from pushgraph.network.image_dynamics import ImageDynamics
 from pushgraph.network.newton import solve
+from pushgraph.network.point_forces import PointForces, point_forces
 from pushgraph.network.propagation import PropagationNetwork
 
 if TYPE_CHECKING:
@@ -80,6 +81,11 @@ class ContactDynamics(nn.Module):
         relation = relation.masked_fill(graph.edges.is_tool[graph.contacts.points.edge].repeat(2), -1)
         latents = contact_state(problem, twist)
         return _foresight(self._motion(state, graph, twist), state.relations.kind, relation, latents)
+
+    def forces(self, state: State, control: Control) -> PointForces:
+        """Forces at the contacts and joints of a step."""
+        graph, problem, twist = self._solved(state, control)
+        return point_forces(graph, problem, twist, state.poses.shape[1])
 
     def _can_be_compiled(self, state: State, control: Control) -> bool:
         """Whether nothing but the motion is asked for, of what is solved as it is, on a processor."""

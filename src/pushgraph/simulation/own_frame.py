@@ -54,10 +54,10 @@ class OwnFrame:
         """Poses in the world, seen from here."""
         return pose.compose(self._pose_own_from_world, poses_world)
 
-    def wrench_in_world(self, wrench_own: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-        """A force along x and y and a moment, along the world's axes."""
-        force = pose.rotate(wrench_own[:2], self._pose_world_from_own[2])
-        return np.array([*force, wrench_own[2]])
+    def wrench_in_world(self, wrench_own: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Forces along x and y and moments, along the world's axes."""
+        force = pose.rotate(wrench_own[..., :2], self._pose_world_from_own[2])
+        return np.concatenate((force, wrench_own[..., 2:]), -1)
 
 
 def _rounded(numbers: Sequence[float]) -> tuple[float, ...]:

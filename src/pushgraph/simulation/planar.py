@@ -1,7 +1,7 @@
 """Simulate pushes of a planar scene in MuJoCo and record a track."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -39,12 +39,12 @@ _DIVERGED = [
 ]
 
 
-def simulate(scene: Scene) -> Track:
+def simulate(scene: Scene, progress: Callable[[int], None] = lambda frame: None) -> Track:
     """Run the scene's pushes one after the other; raises SimulationError if the scene cannot be simulated.
 
-    A scene without pushes gives a track of one frame, with the tool lifted.
+    A scene without pushes gives a track of one frame, with the tool lifted. progress: told every frame.
     """
-    simulation = PlanarSimulation(scene)
+    simulation = PlanarSimulation(scene, progress=progress)
     for push in scene.pushes:
         simulation.push(push)
     return simulation.track()
@@ -53,11 +53,17 @@ def simulate(scene: Scene) -> Track:
 class PlanarSimulation:
     """A scene in motion. Pushes may be chosen as it goes; the same calls give the same bits anywhere.
 
-    force_limits: whether pushes may have force limits; by default, if one of the scene's has.
+    force_limits: whether pushes may have force limits; by default, if one of the scene's has. progress: told every
+    frame.
     """
 
-    def __init__(self, scene: Scene, force_limits: bool | None = None) -> None:
-        self.scene = scene
+    def __init__(
+        self,
+        scene: Scene,
+        force_limits: bool | None = None,
+        progress: Callable[[int], None] = lambda frame: None,
+    ) -> None:
+        self.scene, self._progress = scene, progress
         if force_limits is None:
             force_limits = any(push.force_limit is not None for push in scene.pushes)
         self._pushes: list[Push] = []
@@ -122,6 +128,9 @@ class PlanarSimulation:
             wrench=np.array(self._wrenches or [np.zeros(3)]),
         )
 
+    def _step(self) -> None:
+        mujoco.mj_step(self._model.mujoco, self._data)
+
     def _come_down(self, start: np.ndarray) -> np.ndarray:
         """Lift the tool and bring it to the start of a push; where it then comes down, in the own frame."""
         if self._frames:
@@ -133,7 +142,6 @@ class PlanarSimulation:
 
     def _driven(self, motion: ToolMotion, steps: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Drive the tool along its motion, so many steps a frame: its pose after each frame, and the wrench on it."""
-        model, data = self._model.mujoco, self._data
         poses = motion.poses(np.arange(motion.frames * steps + 1) * (FRAME / steps))
         positions = self._robot_joints(poses, -LIFT_HEIGHT)
         velocities = self._robot_joints(np.diff(poses, axis=0) * (steps / FRAME), 0.0)
@@ -142,7 +150,7 @@ class PlanarSimulation:
             for step in range(frame * steps, (frame + 1) * steps):
                 self._robot_position[:] = positions[step]
                 self._robot_velocity[:] = velocities[step]
-                mujoco.mj_step(model, data)
+                self._step()
                 force += self._robot_force
             yield poses[(frame + 1) * steps], force[[0, 1, -1]] / steps
 
@@ -152,7 +160,6 @@ class PlanarSimulation:
         What drives it goes faster while it lags, and is set back after each step; if it lags by more than STALL, to
         where it was before the step.
         """
-        model, data = self._model.mujoco, self._data
         step = FRAME / steps
         pose, heading, time, slip, drive = motion.pose(0.0), 0.0, 0.0, 0.0, 0.0
         for _ in range(motion.frames):
@@ -171,7 +178,7 @@ class PlanarSimulation:
                 turning = velocity[2] * goes_on
                 self._robot_position[:] = (pose[0], pose[1], -LIFT_HEIGHT, heading, slip, pose[2] - heading)
                 self._robot_velocity[:] = (x, y, 0.0, 0.0, tool_speed - drive, turning)
-                mujoco.mj_step(model, data)
+                self._step()
                 force += self._robot_force
                 time += step * goes_on
                 pose = motion.pose(time)
@@ -182,7 +189,7 @@ class PlanarSimulation:
         """Step with the tool down at a pose and moving; the wrench on it, all in the own frame."""
         self._robot_position[:] = self._robot_joints(pose_of_tool[None], -LIFT_HEIGHT)[0]
         self._robot_velocity[:] = self._robot_joints(velocity[None], 0.0)[0]
-        mujoco.mj_step(self._model.mujoco, self._data)
+        self._step()
         return self._robot_force[[0, 1, -1]]
 
     def _robot_joints(self, poses: Float[np.ndarray, "times 3"], height: float) -> Float[np.ndarray, "times joints"]:
@@ -197,13 +204,14 @@ class PlanarSimulation:
         for _ in range(round(FRAME / TIMESTEP)):
             self._robot_position[:] = joints
             self._robot_velocity[:] = 0.0
-            mujoco.mj_step(self._model.mujoco, self._data)
+            self._step()
 
     def _record(self, pose_of_tool: np.ndarray, push: int, wrench: np.ndarray | None = None) -> None:
         self._tool_pose = pose_of_tool
         self._frames.append(np.vstack((self._frame.poses_in_world(pose_of_tool), self.poses)))
         self._frame_push.append(push)
         self._wrenches.append(np.zeros(3) if wrench is None else self._frame.wrench_in_world(wrench))
+        self._progress(len(self._frames) - 1)
 
     def _check_thrown(self, push: int, tool_speed: float) -> None:
         """tool_speed: of its fastest point (m/s)."""

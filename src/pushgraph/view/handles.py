@@ -171,7 +171,13 @@ class Handles:
 def on_table(event: Any, height: float) -> Float[np.ndarray, "2"] | None:
     """Where the pointer of a drag is at this height above the table (m), as the browser's camera sees it."""
     camera = np.asarray(event.client.camera.position, dtype=float)
-    ray = np.asarray(event.end_position, dtype=float) - camera
+    return where_on_table(camera, np.asarray(event.end_position, dtype=float) - camera, height)
+
+
+def where_on_table(
+    camera: Float[np.ndarray, "3"], ray: Float[np.ndarray, "3"], height: float
+) -> Float[np.ndarray, "2"] | None:
+    """Where a ray from a camera meets a height above the table (m); None if it passes it, or far away."""
     if not ray[2] < -1e-3 * np.linalg.norm(ray):  # it looks past the table
         return None
     point = camera + ray * ((height - camera[2]) / ray[2])

@@ -10,7 +10,7 @@ SECOND = 20
 
 
 def add_keys(session: Session) -> None:
-    """Play, step and undo."""
+    """Play, step, cancel and undo."""
     timeline = session.timeline
 
     def play() -> None:
@@ -21,6 +21,7 @@ def add_keys(session: Session) -> None:
         ("One frame on", "arrowright", None, lambda: timeline.step(1)),
         ("One frame back", "arrowleft", None, lambda: timeline.step(-1)),
         ("A second on", "arrowright", "shift", lambda: timeline.step(SECOND)),
+        ("Cancel what is being done", "escape", None, session.working.cancel),
         ("A second back", "arrowleft", "shift", lambda: timeline.step(-SECOND)),
     ]
     for label, key, modifier, act in keys:

@@ -3,14 +3,21 @@
 import html
 from collections.abc import Sequence
 
+import numpy as np
+
+from pushgraph.adaptation.unknowns import COUNT, Unknowns
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.lever_scene import LeverScene
+from pushgraph.mass_chains import FRICTION
+from pushgraph.mass_prior import prior_quantiles
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION, Scene
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.drawing.colours import BODIES, FORCE, GOAL, JOINTS, PUSH, SPREAD, Colour, darker
 from pushgraph.view.drawing.placing import frame_at
 
 MOST_BODIES = 40
+HOLD = np.array([0.16, 0.84])
+"""Ends of intervals that hold 68 %."""
 LIGHT = 180
 """Colours of which every part is larger stand on a dark ground."""
 MARKS = {
@@ -38,6 +45,9 @@ def legend(drawing: SceneDrawing) -> str:
         rows.append((SPREAD, "holds the true position with 68 and 95 %", "●"))
     if drawing.newtons:
         rows.append((FORCE, f"force on the tool: 10 cm are {drawing.newtons:.2g} N", "➔"))
+    source, newtons = drawing.contact_forces
+    if source:
+        rows.append((FORCE, f"contact forces ({source}) on the body they lie over: 10 cm are {newtons:.2g} N", "→"))
     if drawing.goal is not None:
         rows.append((GOAL, "the goal", "●"))
     if drawing.history is not None:
@@ -54,17 +64,28 @@ def facts(scene: Scene | LeverScene, history: BeliefHistory | None = None, time:
     believed = believed_masses(history, time)
     still = scene.immovable
     rows = []
+    low, high = prior_quantiles(scene.classes_of_mass, HOLD).tolist()
     for body, fixed in list(zip(scene.bodies, still.tolist(), strict=True))[:MOST_BODIES]:
-        mass = f"{NOMINAL_MASS:g} kg assumed" if body.mass is None else f"{body.mass:.3g} kg"
+        assumed = f"{NOMINAL_MASS:g} kg assumed ({low:.2g} to {high:.2g})"
+        mass = assumed if body.mass is None else f"{body.mass:.3g} kg"
         rows.append((body.name, "fixed" if fixed else believed.get(body.name, mass)))
     if len(scene.bodies) > MOST_BODIES:
         rows.append(("...", f"{len(scene.bodies) - MOST_BODIES} more"))
-    for name, value, nominal in (
-        ("friction of the table", scene.table.friction, NOMINAL_TABLE_FRICTION),
-        ("between bodies", scene.side_friction, NOMINAL_SIDE_FRICTION),
-    ):
-        rows.append((name, f"{nominal:g} assumed" if value is None else f"{value:g}"))
-    return _table(rows)
+    return _table([*rows, *_frictions(scene, history, time)])
+
+
+def _frictions(scene: Scene, history: BeliefHistory | None, time: float) -> list[tuple[str, str]]:
+    """What is known of frictions; where that is nothing, what is assumed, and what is thought possible beforehand."""
+    table, sides = scene.table.friction, scene.side_friction
+    low, high = (FRICTION[0] + (FRICTION[1] - FRICTION[0]) * HOLD).tolist()
+    told = f"{NOMINAL_TABLE_FRICTION:g} assumed ({low:.2g} to {high:.2g})" if table is None else f"{table:g}"
+    masses = None if history is None else history.mass_history
+    if masses is not None and masses.friction is not None:
+        median, low, high = masses.friction[frame_at(masses.times, time)].tolist()
+        told = f"{median:.2g} ({low:.2g} to {high:.2g})"
+    low, high = (Unknowns.of(np.eye(COUNT)[0] * away).side_friction for away in (-1, 1))
+    between = f"{NOMINAL_SIDE_FRICTION:g} assumed ({low:.2g} to {high:.2g})" if sides is None else f"{sides:g}"
+    return [("friction of the table", told), ("between bodies", between)]
 
 
 def believed_masses(history: BeliefHistory | None, time: float) -> dict[str, str]:

@@ -10,15 +10,17 @@ from pathlib import Path
 from types import TracebackType
 
 from pushgraph.belief_history import BeliefHistory
-from pushgraph.errors import SceneError, TrackError
+from pushgraph.errors import PredictionError, SceneError, TrackError
 from pushgraph.lever_scene import LeverScene
 from pushgraph.lever_track import LeverTrack
 from pushgraph.scene import Scene
 from pushgraph.track import Track
 from pushgraph.view import LOCAL, PORT
+from pushgraph.view.cameras import follow_cameras
 from pushgraph.view.folder import Folder
 from pushgraph.view.handles import Handles
 from pushgraph.view.keyboard import add_keys
+from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.opening import Opened, open_file
 from pushgraph.view.panel import add_panel
 from pushgraph.view.server import is_local, start_server
@@ -42,6 +44,7 @@ class Page:
         host: str = LOCAL,
         port: int = PORT,
         title: str = "Opened",
+        forces: bool = False,
     ) -> None:
         workbench = Workbench(shown, Folder(folder), title, compare)
         server = start_server(host, port)
@@ -56,9 +59,11 @@ class Page:
         name = f"[{host}]" if ":" in host else "localhost" if host == "0.0.0.0" else host
         self.url = f"http://{name}:{server.get_port()}"
         self.session = Session(server, workbench)
+        self.session.forces = forces
         self.controls = add_panel(self.session)
         self.handles = Handles(self.session)
         add_keys(self.session)
+        follow_cameras(self.session)
         self._stopped = threading.Event()
         self._drawn = self.session.do(lambda: None)
 
@@ -140,6 +145,13 @@ def with_prediction(opened: Opened) -> Scene | LeverScene | Track | LeverTrack |
         return work.history or next(iter(work.tracks.values()), work.scene)
     workbench.predict()
     return workbench.work.tracks[PREDICTED]
+
+
+def known_forces(shown: Opened) -> KnownForces:
+    """The forces at the contacts of a track; raises PredictionError if it is none, or they are not known."""
+    if not isinstance(shown, Track):
+        raise PredictionError("contact forces: known of tracks of scenes on a table alone")
+    return Workbench(shown, Folder(".")).forces(shown)
 
 
 def _interactive() -> bool:

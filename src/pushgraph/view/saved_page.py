@@ -15,6 +15,7 @@ from pushgraph.scene import Scene
 from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
+from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.legend import facts, legend
 from pushgraph.view.server import start_server
 
@@ -53,11 +54,13 @@ def save_page(
     compare: Track | LeverTrack | None = None,
     beliefs: BeliefHistory | None = None,
     trajectory: JointTrajectory | None = None,
+    forces: KnownForces | None = None,
     title: str = "pushgraph",
 ) -> None:
     """Write `shown` as a page with a time line, light or dark as who reads it has set.
 
     compare: a second track, as ghosts. beliefs: links and board beside a track. trajectory: of the scene's arm.
+    forces: at the contacts of `shown`; see `pushgraph.view.known_forces`.
     """
     history = shown if isinstance(shown, BeliefHistory) else beliefs
     server = start_server()
@@ -65,6 +68,7 @@ def save_page(
         drawing = SceneDrawing(server)
         if isinstance(shown, Track | LeverTrack):
             drawing.show_track(shown)
+            drawing.show_forces(forces)
         elif isinstance(shown, Scene | LeverScene):
             drawing.show_scene(shown)
         drawing.show_ghost(compare)

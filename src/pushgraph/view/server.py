@@ -19,6 +19,8 @@ PORTS_TRIED = 32
 """So many ports from the wanted one on are tried; then any."""
 LARGEST_MESSAGE = 4 * 2**20
 """A browser that sends more bytes at once is disconnected."""
+AMBIENT = 1.9
+"""Intensity of the light that comes from all sides, beside viser's lamps."""
 _LOCAL_NAMES = ("localhost", LOCAL, "::1")
 
 
@@ -43,6 +45,9 @@ def start_server(host: str = LOCAL, port: int = PORT) -> "viser.ViserServer":
     free = _free_port(host, port)
     with _own_pages_only(host), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of addresses
         server = Server(host, free, label="pushgraph", verbose=False)
+    # Light from an image all around takes seconds to prepare where graphics are drawn in software.
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_ambient("/light", intensity=AMBIENT)
     set_dark(server, False)
     server.gui.main_panel.dock_right()
     return server

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pushgraph.errors import PushGraphError
+from pushgraph.errors import CancelledError, PushGraphError
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.timeline import Timeline
 from pushgraph.view.work import AnyTrack, Work
 from pushgraph.view.workbench import PREDICTED, SIMULATED, Workbench
+from pushgraph.view.working import Working
 
 if TYPE_CHECKING:
     import viser
@@ -52,12 +53,15 @@ class Session:
         """The time (s) that shall be shown next; None: that which is shown, or the start of what is new."""
         self.believed = False
         """Whether predictions take the joints that are believed, while there are beliefs."""
+        self.forces = False
+        """Whether the forces at contacts are shown."""
         self.chosen: tuple[str, str] = ("", "")
         """Titles of the track that moves and of its ghost; empty: chosen by what there is."""
         server.gui.add_markdown(HELP)
         self.message = ""
         """What was said last."""
         self._message = server.gui.add_html("")
+        self.working = Working(server)
         self.timeline = Timeline(server.gui, self.drawing, self.lock)
         with server.gui.add_folder("Notes", expand_by_default=False, order=1e9):
             self._notes = server.gui.add_html("")
@@ -116,8 +120,11 @@ class Session:
     def _do(self, action: Action, client: "viser.ClientHandle | None") -> None:
         with self.lock:
             try:
-                said = action() or ""
+                with self.working.begun():
+                    said = action() or ""
                 self.say("\n".join(filter(None, (said, self._predict()))))
+            except CancelledError as cancelled:
+                self.say(str(cancelled))
             except PushGraphError as error:
                 self._shown = None  # whatever a drag has shown on its way is drawn as it is
                 self._refuse(str(error), client)
@@ -172,6 +179,7 @@ class Session:
         before = self._shown_tracks
         self.drawing.show_scene(work.scene)
         self.drawing.show_track(main)
+        self._show_forces(main)
         self.drawing.show_ghost(ghost)
         self.drawing.show_belief(work.history)
         self.drawing.show_goal(work.goal)
@@ -183,6 +191,13 @@ class Session:
             self.timeline.step(frame - self.drawing.frame)
             self.show_next = None
         self._shown_tracks = (main, ghost)
+
+    def _show_forces(self, track: AnyTrack | None) -> None:
+        if self.forces and isinstance(track, Track):
+            try:
+                self.drawing.show_forces(self.workbench.forces(track))
+            except PushGraphError as error:
+                self.say(str(error), refused=True)
 
     def show_outcome(self, track: AnyTrack | None) -> None:
         """Where a track of a scene on a table ends, with its spread."""

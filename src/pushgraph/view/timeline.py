@@ -82,6 +82,8 @@ class Timeline:
         """Stand still."""
         self._moving.clear()
         self._button.label, self._button.icon = "Play", viser.Icon.PLAYER_PLAY_FILLED
+        with self._lock:
+            self._drawing.place_names()
 
     def step(self, frames: int) -> None:
         """Pause, and go so many frames on, or back."""
@@ -90,6 +92,7 @@ class Timeline:
             times = self._drawing.times
             self._go(float(times[min(max(self._drawing.frame + frames, 0), len(times) - 1)]))
             self._follow()
+            self._drawing.place_names()
 
     def stop(self) -> None:
         """End for good, as the server stops."""

@@ -60,8 +60,8 @@ def like(work: Work, track: AnyTrack) -> AnyTrack:
     return track
 
 
-def check_length(scene: Scene | LeverScene) -> None:
-    """Raise SceneError if its pushes take too long to be tried out."""
+def check_length(scene: Scene | LeverScene) -> int:
+    """How many frames its pushes take; raises SceneError if that is too long to be tried out."""
     if isinstance(scene, LeverScene):
         frames = int(scene.duration / FRAME)
     else:
@@ -71,6 +71,7 @@ def check_length(scene: Scene | LeverScene) -> None:
             f"the pushes take {frames * FRAME:.0f} s; at most {MOST_FRAMES * FRAME:.0f} s are tried out here, longer "
             "ones by the commands predict and simulate"
         )
+    return frames
 
 
 def end_of_push(watching: Watching) -> int:

@@ -23,8 +23,10 @@ from pushgraph.storage import replacing
 from pushgraph.track import Track
 from pushgraph.view.editing import Editing
 from pushgraph.view.folder import Folder
+from pushgraph.view.known_forces import KnownForces, forces_of
 from pushgraph.view.opening import Opened, open_file
 from pushgraph.view.work import MOST_FRAMES, AnyTrack, alike, check_length, end_of_push, like, work_on
+from pushgraph.view.working import Progress
 
 PREDICTED, SIMULATED = "Predicted", "Simulated"
 SAVED = {"scene": ".json", "predicted": ".h5", "simulated": ".h5", "beliefs": ".json", "plan": ".json"}
@@ -44,6 +46,7 @@ class Workbench(Editing):
         super().__init__(work)
         self.folder = folder
         self._foreseen: Track | None = None
+        self._forces: tuple[Track, KnownForces] | None = None
 
     def foreseen(self, scene: Scene) -> Track:
         """What a scene's pushes are predicted to do, with the spread; changes nothing.
@@ -75,17 +78,17 @@ class Workbench(Editing):
                 track = self._predictor.predict(history.apply_to(scene), spread=True, beliefs=beliefs)
             self._add_track(PREDICTED, dataclasses.replace(track, scene=scene))
 
-    def simulate(self) -> None:
+    def simulate(self, progress: Progress = lambda done, total: None) -> None:
         """Simulate the scene's pushes in MuJoCo, with nominal values for what it does not say."""
         scene = self.work.scene
-        check_length(scene)
+        frames = check_length(scene)
         if isinstance(scene, LeverScene):
             self._add_track(SIMULATED, simulate_lever(scene))
         else:
-            track = simulate(scene.with_nominal_values())
+            track = simulate(scene.with_nominal_values(), lambda frame: progress(frame, frames))
             self._add_track(SIMULATED, dataclasses.replace(track, scene=scene))
 
-    def plan(self, pushes: int = 1, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
+    def plan(self, pushes: int = 1, progress: Progress = lambda done, total: None) -> None:
         """Choose at most so many pushes that bring the goal's body there; they replace those of the scene."""
         scene, goal = self.planar, self.work.goal
         if goal is None:
@@ -99,15 +102,25 @@ class Workbench(Editing):
         told = scene.replace(pushes=planned.pushes)
         self._become(scene=told, tracks={PREDICTED: self.foreseen(told)}, plan=planned, watching=None)
 
+    def forces(self, track: Track) -> KnownForces:
+        """The forces at the contacts of one of the tracks, computed when they are first asked for."""
+        if self._forces is None or self._forces[0] is not track:
+            history, scene = self.work.history, self.work.scene
+            check_length(track.scene)
+            believed = [history.apply_to(scene)] if history is not None and isinstance(scene, Scene) else []
+            self._forces = track, forces_of(track, self._predictor, believed)
+        return self._forces[1]
+
     # Beliefs.
 
-    def step_belief(self) -> None:
+    def step_belief(self, progress: Progress = lambda done, total: None) -> None:
         """Watch one push more of the track: what was opened, or simulated, or predicted."""
         scene, watching = self.planar, self.work.watching
         watching = Watching(scene, self._watched_track()) if watching is None else watching.copied()
         if watching.done == watching.end:
             raise BeliefError("the whole track was watched; nothing of it is left")
-        watching.until(end_of_push(watching))
+        begin, end = watching.done, end_of_push(watching)
+        watching.until(end, lambda frame, regulator: progress(frame - begin, end - begin))
         self._become(watching=watching, history=watching.history())
 
     def correct_belief(self, one: str, other: str, kind: str | None) -> None:

@@ -58,6 +58,7 @@ class Bodies:
     def __init__(self, api: viser.SceneApi, node: str, ghost: bool = False) -> None:
         self._layer, self._ghost = Layer(api, node), ghost
         self._movers = Movers(())
+        self._names: names.Names | None = None
         self.drawn: list[DrawnBody] = []
         self.solids: dict[str, viser.MeshHandle] = {}
 
@@ -68,11 +69,16 @@ class Bodies:
     def clear(self) -> None:
         """Remove them."""
         self._layer.clear()
-        self._movers, self.drawn, self.solids = Movers(()), [], {}
+        self._movers, self._names, self.drawn, self.solids = Movers(()), None, [], {}
 
     def move(self, poses_world_from_body: Float[np.ndarray, "bodies 7"]) -> None:
         """Bring them to poses; those not seen are hidden."""
         self._movers.move(poses_world_from_body)
+
+    def place_names(self, poses_world_from_body: Float[np.ndarray, "bodies 7"], view: names.View) -> None:
+        """Place the names of bodies at these poses so that none hides another from there."""
+        if self._names is not None:
+            self._names.place(poses_world_from_body, view)
 
     def frame_of(self, name: str) -> str:
         """The node that a body carries along."""
@@ -86,18 +92,16 @@ class Bodies:
             self.solids = {body.name: self._add_ghost(body) for body in bodies}
             return
         shadow = len(bodies) <= MOST_SHADOWS
-        poles = names.poles_of(scene, bodies, view)
-        self.solids = {body.name: self._add(body, pole, shadow) for body, pole in zip(bodies, poles, strict=True)}
-        for body, (_, end) in zip(bodies, poles.tolist(), strict=True):
-            names.add_label(api, f"{self.frame_of(body.name)}/name", body.name, tuple(end), view)
+        self.solids = {body.name: self._add(body, shadow) for body in bodies}
+        self._names = names.Names(api, self.frame_of, scene, bodies, view)
         if isinstance(scene, Scene):
             for index, joint in enumerate(scene.joints):
                 joints.add_joint(api, self.frame_of, scene, joint, index)
 
-    def _add(self, body: DrawnBody, pole: Float[np.ndarray, "2 3"], shadow: bool) -> viser.MeshHandle:
+    def _add(self, body: DrawnBody, shadow: bool) -> viser.MeshHandle:
         top = body.middle[2] + 1e-3
         front = [[share * body.front, 0.0, top] for share in (0.65, 0.95)]
-        lines = np.concatenate((body.solid.edges, np.array([front]), pole[None]))
+        lines = np.concatenate((body.solid.edges, np.array([front])))
         return self._solid(body, 1.0, lines, EDGE, cast_shadow=shadow)
 
     def _add_ghost(self, body: DrawnBody) -> viser.MeshHandle:

@@ -1,6 +1,6 @@
 """Names above bodies, each so high that none hides another."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -10,6 +10,8 @@ from jaxtyping import Float
 from pushgraph import pose_3d
 from pushgraph.lever_scene import LeverScene
 from pushgraph.scene import Scene
+from pushgraph.view.drawing.colours import EDGE
+from pushgraph.view.drawing.layer import DIGITS, add_lines
 from pushgraph.view.drawing.placing import start_of
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ MOST_STEPS = 12
 
 
 class View(NamedTuple):
-    """From where a scene is first seen. target, position: m. letters: height of a line of text (m)."""
+    """From where a scene is seen. target, position: m. letters: height of a line of text (m)."""
 
     target: tuple[float, float, float]
     position: tuple[float, float, float]
@@ -44,16 +46,41 @@ class View(NamedTuple):
         return across / np.linalg.norm(across)
 
 
-def poles_of(scene: Scene | LeverScene, bodies: Sequence["DrawnBody"], view: View) -> Float[np.ndarray, "bodies 2 3"]:
-    """Where on each body a pole stands, and where it ends, at the body's name; in the body's frame (m)."""
-    feet = np.array([body.middle for body in bodies])
-    poses = start_of(scene)[1:]
-    if isinstance(scene, LeverScene):
-        feet = _on_rims(scene, feet, poses, view)
-    places = pose_3d.transform(poses, feet + [0, 0, GAP])
-    heights = heights_of(places, [len(body.name) for body in bodies], view)
-    up = np.array([0.0, 0.0, 1.0])
-    return np.stack((feet, feet + (GAP + heights[:, None]) * up), 1)
+class Names:
+    """The names of bodies, which the bodies carry along; a raised one stands on a pole."""
+
+    def __init__(
+        self,
+        api: viser.SceneApi,
+        frame_of: Callable[[str], str],
+        scene: Scene | LeverScene,
+        bodies: Sequence["DrawnBody"],
+        view: View,
+    ) -> None:
+        """frame_of: the node of each body's frame."""
+        self._feet = np.array([body.middle for body in bodies])
+        if isinstance(scene, LeverScene):
+            self._feet = _on_rims(scene, self._feet, start_of(scene)[1:], view)
+        self._lengths = [len(body.name) for body in bodies]
+        self._heights = np.zeros(len(bodies))
+        self._labels, self._poles = [], []
+        for body, foot in zip(bodies, self._feet.tolist(), strict=True):
+            node, top = frame_of(body.name), (*foot[:2], foot[2] + GAP)
+            self._labels.append(add_label(api, f"{node}/name", body.name, top, view))
+            self._poles.append(add_lines(api, f"{node}/pole", np.array([[foot, top]]), EDGE, visible=False))
+        self.place(start_of(scene)[1:], view)
+
+    def place(self, poses: Float[np.ndarray, "bodies 7"], view: View) -> None:
+        """So high that none hides another, seen from there; bodies that are not seen hide nothing."""
+        heights = heights_of(pose_3d.transform(poses, self._feet + [0, 0, GAP]), self._lengths, view).round(DIGITS)
+        for index in np.flatnonzero(heights != self._heights).tolist():
+            foot, height = self._feet[index], float(heights[index])
+            top = foot + [0, 0, GAP + height]
+            self._labels[index].position = tuple(top.tolist())
+            self._poles[index].visible = height > 0
+            if height > 0:
+                self._poles[index].points = np.array([[foot, top]])
+        self._heights = heights
 
 
 def add_label(
@@ -64,9 +91,9 @@ def add_label(
     view: View,
     size: float = 1.0,
     anchor: Literal["bottom-center", "center-right"] = "bottom-center",
-) -> None:
+) -> viser.LabelHandle:
     """A label with its anchor on a point of its parent's frame (m), so many lines of the view's text high."""
-    api.add_label(
+    return api.add_label(
         node,
         text,
         position=place,
@@ -90,7 +117,7 @@ def _on_rims(
 
 
 def heights_of(places: Float[np.ndarray, "names 3"], lengths: Sequence[int], view: View) -> Float[np.ndarray, " names"]:
-    """How much higher than its place each name must stand, so that none hides another as first seen (m).
+    """How much higher than its place each name must stand, so that none hides another as it is seen (m).
 
     lengths: letters. The nearest stand lowest; a name that finds no room in twelve steps stays at the twelfth.
     """

@@ -19,6 +19,7 @@ from pushgraph.track import LIFTED, Track
 from pushgraph.view.drawing.arm import DrawnArm
 from pushgraph.view.drawing.beliefs import BeliefLinks
 from pushgraph.view.drawing.bodies import Bodies
+from pushgraph.view.drawing.contact_arrows import ContactArrows
 from pushgraph.view.drawing.forces import ForceArrow
 from pushgraph.view.drawing.goal import DrawnGoal
 from pushgraph.view.drawing.names import View
@@ -28,6 +29,10 @@ from pushgraph.view.drawing.spread import SpreadEllipses
 from pushgraph.view.drawing.table import FIELD, DrawnTable, view_of
 from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
+from pushgraph.view.known_forces import KnownForces
+
+RENAMED = 0.3
+"""Names are placed anew so often in a track (s)."""
 
 
 class SceneDrawing:
@@ -48,6 +53,7 @@ class SceneDrawing:
         self._trails = Trails(api, f"{root}/trails")
         self._spread = SpreadEllipses(api, f"{root}/spread")
         self._force = ForceArrow(api, f"{root}/force")
+        self._contact_forces = ContactArrows(api, f"{root}/contact_forces")
         self._ghosts = Bodies(api, f"{root}/ghosts", ghost=True)
         self._outcome = Bodies(api, f"{root}/outcome/bodies", ghost=True)
         self._outcome_trails = Trails(api, f"{root}/outcome/trails")
@@ -66,6 +72,8 @@ class SceneDrawing:
         self.goal: Goal | None = None
         self.outcome: Track | None = None
         self._view: View | None = None
+        self._seen: View | None = None
+        self._named = -np.inf
         self._frame = 0
 
     def show_scene(self, scene: Scene | LeverScene) -> None:
@@ -83,6 +91,7 @@ class SceneDrawing:
                 self.show_track(None)
             self._draw_scene(scene)
             self._place()
+            self.place_names()
 
     def move_bodies(self, scene: Scene) -> None:
         """Bring the bodies to where they are in the scene, which is otherwise the one shown: for what a drag shows."""
@@ -105,7 +114,18 @@ class SceneDrawing:
             planar = track if isinstance(track, Track) else None
             _show_or_clear(self._spread, planar if planar is not None and planar.spread is not None else None)
             _show_or_clear(self._force, planar if planar is not None and planar.wrench is not None else None)
+            self._contact_forces.clear()
             self._place()
+            self.place_names()
+
+    def show_forces(self, known: KnownForces | None) -> None:
+        """The forces at every contact of the track that moves."""
+        with self._server.atomic():
+            if known is None or not isinstance(self.track, Track):
+                self._contact_forces.clear()
+            else:
+                self._contact_forces.show(self.track, known, self._force.newtons)
+                self._contact_forces.at(self._frame)
 
     def show_ghost(self, track: Track | LeverTrack | None) -> None:
         """A second track of the same bodies, as translucent copies that move along at the same times (s)."""
@@ -132,7 +152,10 @@ class SceneDrawing:
                 ends = placed(track, len(track.times) - 1)[1:]
                 moved = np.abs(ends - placed(track, 0)[1:]).max(-1) > 1e-4
                 self._outcome.move(np.where(moved[:, None], ends, np.nan))
-                self._outcome_trails.show(track, [body.colour for body in self._outcome.drawn])
+                if track is self.track:  # whose trails are there already
+                    self._outcome_trails.clear()
+                else:
+                    self._outcome_trails.show(track, [body.colour for body in self._outcome.drawn])
             stated = track if track is not None and track.spread is not None else None
             _show_or_clear(self._outcome_spread, stated)
             if stated is not None:
@@ -170,11 +193,27 @@ class SceneDrawing:
                 self._arm.show(self.scene, trajectory)
                 self._place()
 
+    def look_from(self, position: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"]) -> None:
+        """Place the names anew, for who looks from a position at a target (m), unless that is straight down."""
+        if self._view is not None and np.hypot(*(target - position)[:2]) > 1e-3:
+            self._seen = self._view._replace(position=tuple(position.tolist()), target=tuple(target.tolist()))
+            self.place_names()
+
+    def place_names(self) -> None:
+        """Place the names anew, for where the bodies are now."""
+        view = self._seen or self._view
+        if self.scene is not None and view is not None:
+            with self._server.atomic():
+                self._named = float(self.times[self._frame])
+                self._bodies.place_names(self._poses()[1:], view)
+
     def set_frame(self, frame: int) -> None:
         """Show this frame of the track (of the beliefs, if there is no track), from 0 to `len(times) - 1`."""
         self._frame = min(max(frame, 0), len(self.times) - 1)
         with self._server.atomic():
             self._place()
+            if abs(self.times[self._frame] - self._named) >= RENAMED:
+                self.place_names()
 
     def set_time(self, time: float) -> None:
         """Show the last frame that is not later than a time (s)."""
@@ -211,6 +250,11 @@ class SceneDrawing:
         return self._force.newtons
 
     @property
+    def contact_forces(self) -> tuple[str, float]:
+        """How the forces at contacts are known, empty if none are shown, and the force whose arrows are 10 cm long."""
+        return self._contact_forces.source, self._contact_forces.newtons
+
+    @property
     def body_handles(self) -> Mapping[str, viser.MeshHandle]:
         """The solid of each body, by name, for `on_click` and `on_drag`; new handles after the bodies were changed."""
         return self._bodies.solids
@@ -218,6 +262,7 @@ class SceneDrawing:
     def clear(self) -> None:
         """Remove everything."""
         shown = (self._table, self._bodies, self._tool, self._pushes, self._trails, self._spread, self._force)
+        self._contact_forces.clear()
         for part in (*shown, self._ghosts, self._links, self._board, self._drawn_goal, self._arm):
             part.clear()
         for part in (self._outcome, self._outcome_trails, self._outcome_spread):
@@ -251,12 +296,17 @@ class SceneDrawing:
             with suppress(ArmError):  # the extra with its meshes is not installed: then the tool is shown alone
                 self._arm.show(scene)
 
+    def _poses(self) -> Float[np.ndarray, "nodes 7"]:
+        """Of tool and bodies in the frame."""
+        assert self.scene is not None
+        return start_of(self.scene) if self.track is None else placed(self.track, self._frame)
+
     def _place(self) -> None:
         """Bring everything to the frame."""
         if self.scene is None:
             return
         time = float(self.times[self._frame])
-        poses = start_of(self.scene) if self.track is None else placed(self.track, self._frame)
+        poses = self._poses()
         lift = self._arm.at(time - float(self.times[0]), poses[0])
         if lift is not None:
             poses[0, 2] = lift
@@ -266,6 +316,7 @@ class SceneDrawing:
             self._ghosts.move(placed(self.ghost, frame_at(self.ghost.times, time))[1:])
         self._spread.at(self._frame)
         self._force.at(self._frame)
+        self._contact_forces.at(self._frame)
         if self.history is not None:
             frame = frame_at(self.history.times, time)
             middles = np.array([body.middle for body in self._bodies.drawn])

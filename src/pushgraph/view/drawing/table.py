@@ -51,7 +51,7 @@ class DrawnTable:
         api.add_frame(node, show_axes=False, position=place[:3], wxyz=place[3:])
         x, y = table.size
         top = box((x, y, THICKNESS))
-        add_solid(api, f"{node}/solid", top, TABLE, position=(0.0, 0.0, -THICKNESS / 2 - 1e-3))
+        add_solid(api, f"{node}/solid", top, TABLE, position=(0.0, 0.0, -THICKNESS / 2 - 1e-3), cast_shadow=False)
         lines = [np.arange(-int(length / 2 / LINES), int(length / 2 / LINES) + 1) * LINES for length in (x, y)]
         along = [[[at, -y / 2], [at, y / 2]] for at in lines[0]] + [[[-x / 2, at], [x / 2, at]] for at in lines[1]]
         flat = np.concatenate((np.array(along), np.zeros((len(along), 2, 1))), -1)

@@ -13,6 +13,8 @@ from pushgraph.view.drawing.layer import Layer, add_lines
 
 STEP = 0.004
 """A trail has a point so often along its way (m)."""
+MOST = 2_000
+"""All trails together have so many legs, or a few more; where ways are longer, points are farther apart."""
 HEIGHT = 0.003
 """Above the table (m)."""
 
@@ -37,14 +39,16 @@ class Trails:
             positions[..., 2] = HEIGHT
             positions[~track.seen] = np.nan
             positions[~track.down, 0] = np.nan
-        legs = [thinned(positions[:, index]) for index in range(len(colours))]
+        gone = np.nansum(np.linalg.norm(np.diff(positions, axis=0), axis=-1))
+        step = max(STEP, float(gone) / MOST)
+        legs = [thinned(positions[:, index], step) for index in range(len(colours))]
         every = np.concatenate(legs)
         if len(every):
             shades = np.repeat(np.array(colours, dtype=np.uint8), [len(some) for some in legs], axis=0)
             add_lines(self._layer.api, f"{self._layer.node}/lines", every, np.repeat(shades[:, None], 2, axis=1), 2.0)
 
 
-def thinned(positions: Float[np.ndarray, "frames 3"], step: float = STEP) -> Float[np.ndarray, "legs 2 3"]:
+def thinned(positions: Float[np.ndarray, "frames 3"], step: float) -> Float[np.ndarray, "legs 2 3"]:
     """Straight legs of a way, with a point for every step (m); none across frames that are NaN."""
     known = np.isfinite(positions).all(-1)
     legs = []

@@ -45,7 +45,7 @@ class BeliefControls(Controls):
     def _step(self) -> str:
         self.session.say("Watching; the first time the networks are loaded, which takes some seconds.")
         self.session.server.flush()
-        self.workbench.step_belief()
+        self.workbench.step_belief(self.session.working.tell)
         watching = self.workbench.work.watching
         if watching is None:
             return ""

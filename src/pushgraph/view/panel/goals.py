@@ -21,7 +21,6 @@ class GoalControls(Controls):
             {"Set": self._set, "Plan": self._plan},
             "Take over what stands here; choose pushes that bring the body there, in the place of the scene's",
         )
-        self.progress = self.gui.add_progress_bar(0.0, visible=False)
         self.on_change(self.body, self._choose)
 
     def refresh(self) -> None:
@@ -52,15 +51,6 @@ class GoalControls(Controls):
         self.workbench.set_goal({"body": self.body.value, "position": tuple(self.position.value), "yaw": yaw})
 
     def _plan(self) -> str:
-        self.progress.visible = True
-        self.session.server.flush()
-        try:
-            self.workbench.plan(self.pushes.value, self._tell)
-        finally:
-            self.progress.visible = False
+        self.workbench.plan(self.pushes.value, self.session.working.tell)
         plan = self.workbench.work.plan
         return f"{len(plan.pushes)} pushes, expected {100 * plan.cost:.1f} cm from the goal." if plan else ""
-
-    def _tell(self, done: int, total: int) -> None:
-        self.progress.value = 100.0 * done / total
-        self.session.server.flush()

@@ -24,7 +24,7 @@ class DeedControls(Controls):
         return self._apart()
 
     def _simulate(self) -> str:
-        self.workbench.simulate()
+        self.workbench.simulate(self.session.working.tell)
         return self._apart()
 
     def _apart(self) -> str:
@@ -52,6 +52,10 @@ class TrackControls(Controls):
         self.ghost = self.gui.add_dropdown("Ghost", (NONE,))
         for chosen in (self.main, self.ghost):
             self.on_change(chosen, self._choose)
+        self.forces = self.gui.add_checkbox(
+            "contact forces", self.session.forces, hint="At every contact and joint, of the moving track"
+        )
+        self.on_change(self.forces, self._show_forces)
         self.gui.add_divider()
 
     def refresh(self) -> None:
@@ -61,6 +65,10 @@ class TrackControls(Controls):
         titles = {id(track): title for title, track in there.items()}
         offer(self.main, there, titles.get(id(main)))
         offer(self.ghost, (NONE, *there), titles.get(id(ghost), NONE))
+
+    def _show_forces(self) -> None:
+        self.session.forces = bool(self.forces.value)
+        self._choose()
 
     def _choose(self) -> None:
         self.session.choose(self.main.value, self.ghost.value)
