@@ -181,3 +181,14 @@ def test_a_checkpoint_of_ones_own_is_loaded_by_its_path(tmp_path) -> None:
     assert all(torch.equal(a, b) for a, b in zip(made.parameters(), predictor.dynamics.parameters(), strict=True))
     with pytest.raises(CheckpointError):
         load("yours")
+
+
+def test_unknown_pairs_may_meet_for_the_first_time_in_a_prediction() -> None:
+    scene = Scene(
+        bodies=(body("first", 0.0, 0.0), body("second", 0.2, 0.0)),
+        unknown_pairs=(("first", "second"),),
+        pushes=(Push(start=(-0.15, 0.0), end=(0.1, 0.0)),),
+    )
+    met, known = (load().predict(told).poses[-1] for told in (scene, scene.replace(unknown_pairs=())))
+    assert met[2, 0] > 0.24
+    np.testing.assert_allclose(met, known, atol=1e-9)

@@ -296,7 +296,8 @@ _last_known: tuple[Tensor | None, bool] = (None, False)
 
 
 def _boxes(scenes: SceneBatch, scene: Tensor, body: Tensor) -> RoundedBox:
-    return RoundedBox(scenes.boxes.half_extents[scene, body], scenes.boxes.radius[scene, body])
+    """Of some bodies, in float32 whatever the scenes are in."""
+    return RoundedBox(*(values[scene, body].float() for values in scenes.boxes))
 
 
 def _relations(scenes: Sequence[Scene], bodies: int) -> Relations:
