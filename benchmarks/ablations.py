@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+import numpy as np
 import torch
 import typer
 from jaxtyping import Float
@@ -38,10 +39,13 @@ from pushgraph.training.physics import train_physics
 from pushgraph.training.recipe import PhysicsTraining
 from pushgraph.training.run import TrainingRun
 
+BASE = "messages"
+"""What the variants that learn are compared with, body by body."""
 METRICS = {
     "mean_error_cm": "mean error",
     "final_error_moved_cm": "final, moved",
     "median_final_error_moved_cm": "median of that",
+    "above_base_cm": f"final, moved, above {BASE}",
 }
 FRAMES = 50
 
@@ -108,45 +112,44 @@ def no_velocity(state: State) -> State:
 
 def no_joints(state: State) -> State:
     """Nothing is joined."""
-    return state._replace(relations=state.relations._replace(kind=torch.zeros_like(state.relations.kind)))
+    return _joined(state, kind=torch.zeros_like(state.relations.kind))
 
 
 def fixed_as_sliders(state: State) -> State:
     """Fixed joints are sliders without room to slide, so that what they join moves as two pieces."""
     old = state.relations
-    fixed = (old.kind == JOINT_CODES["fixed"])[..., None]
-    return state._replace(
-        relations=old._replace(
-            kind=torch.where(fixed[..., 0], JOINT_CODES["prismatic"], old.kind),
-            axis=torch.where(fixed, old.axis.new_tensor([1.0, 0.0]), old.axis),
-            limits=torch.where(fixed, 0.0, old.limits),
-        )
+    fixed = old.kind == JOINT_CODES["fixed"]
+    return _joined(
+        state,
+        kind=torch.where(fixed, JOINT_CODES["prismatic"], old.kind),
+        axis=torch.where(fixed[..., None], old.axis.new_tensor([1.0, 0.0]), old.axis),
+        limits=torch.where(fixed[..., None], 0.0, old.limits),
     )
 
 
 def found_anew(state: State) -> State:
     """Joints are where the two bodies are closest now."""
-    old, (a, b) = state.relations, pairs_of(state.poses.shape[1], state.poses.device)
+    a, b = pairs_of(state.poses.shape[1], state.poses.device)
     pose_a, pose_b = state.poses[:, a], state.poses[:, b]
     ends = (RoundedBox(*(values[:, end].double() for values in state.scenes.boxes)) for end in (a, b))
     middle = contact_between(*ends, pose.relative(pose_a, pose_b).double()).middle.to(pose_a)
     anchor_b = pose.transform(pose.inverse(pose_b), pose.transform(pose_a, middle))
-    return state._replace(
-        relations=old._replace(
-            anchor_a=middle.to(old.anchor_a),
-            anchor_b=anchor_b.to(old.anchor_b),
-            yaw_offset=(pose_b[..., 2] - pose_a[..., 2]).to(old.yaw_offset),
-        )
-    )
+    return _joined(state, anchor_a=middle, anchor_b=anchor_b, yaw_offset=pose_b[..., 2] - pose_a[..., 2])
 
 
 def drift_forgiven(state: State) -> State:
     """Hinges turn about where the anchor of their first body is now."""
     old, (a, b) = state.relations, pairs_of(state.poses.shape[1], state.poses.device)
-    pose_a, pose_b = state.poses[:, a], state.poses[:, b]
-    anchor = pose.transform(pose.inverse(pose_b), pose.transform(pose_a, old.anchor_a.to(pose_a)))
+    anchor = pose.transform(state.poses[:, a], old.anchor_a.to(state.poses))
+    anchor = pose.transform(pose.inverse(state.poses[:, b]), anchor)
     hinge = (old.kind == JOINT_CODES["revolute"])[..., None]
-    return state._replace(relations=old._replace(anchor_b=torch.where(hinge, anchor.to(old.anchor_b), old.anchor_b)))
+    return _joined(state, anchor_b=torch.where(hinge, anchor.to(old.anchor_b), old.anchor_b))
+
+
+def _joined(state: State, **changes: Tensor) -> State:
+    old = state.relations
+    changes = {name: values.to(getattr(old, name)) for name, values in changes.items()}
+    return state._replace(relations=old._replace(**changes))
 
 
 class Variant(NamedTuple):
@@ -193,53 +196,62 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the test scenes.")] = 1_000_000,
     out: Annotated[Path, typer.Option(help="Folder for results, figure and weights.")] = Path("ablations"),
 ) -> None:
-    console = Console()
+    console = Console(width=120)
     models = {}
     for name in variant or VARIANTS:
-        path = models[name] = str(out / f"{name}.safetensors")
-        if not Path(path).is_file():
-            console.print(name)
-            _make(name, data, validation, samples, Path(path))
-    results, _ = evaluate_physics([9], count, seed, models)
+        models[name] = str(out / f"{name}.safetensors")
+        console.print(name)
+        _make(name, data, validation, samples, Path(models[name]))
+    results, scenes = evaluate_physics([9], count, seed, models)
+    for model in models if BASE in models else ():
+        of_scenes = [(scene.errors[model, FRAMES], scene.errors[BASE, FRAMES]) for scene in scenes]
+        above = [100 * (error.final - base.final)[base.moved] for error, base in of_scenes]
+        owner = np.repeat(np.arange(len(above)), [len(values) for values in above])
+        above = np.concatenate(above)
+        results.add(model, "above_base_cm", "cm", above, owner, objects=9, frames=FRAMES, density="all")
     results.save(out / "results.json")
-    rows = {
-        (row["model"], row["metric"]): row
-        for row in results.rows
-        if (row["frames"], row["density"]) == (FRAMES, "all")
-    }
+    some = [row for row in results.rows if (row["frames"], row["density"]) == (FRAMES, "all")]
+    rows = {(row["model"], row["metric"]): row for row in some}
     shown = ("still", *models, "noise_floor")
-    table = Table(title=f"{count} scenes of nine objects, {FRAMES} frames (cm), {samples:,} samples a network")
+    table = Table(title=f"{count} scenes of nine objects, {FRAMES} frames (cm), 95 % intervals over scenes")
     for title in ("", *METRICS.values()):
         table.add_column(title, justify="right" if title else "left")
     for model in shown:
-        table.add_row(model.replace("_", " "), *(_written(rows[model, metric]) for metric in METRICS))
+        table.add_row(_title(model), *(_written(rows.get((model, metric))) for metric in METRICS))
     console.print(table)
-    _save_figure(rows, shown, out / "ablations.png")
+    _save_figure([(_title(model), rows[model, "final_error_moved_cm"]) for model in shown], out / "ablations.png")
 
 
 def _make(name: str, data: Path, validation: Path, samples: int, path: Path) -> None:
+    """Train a variant, if that was not done; the solve's take its shipped checkpoint."""
     settings = VARIANTS[name].settings
     if settings is None:
         save_checkpoint(dataclasses.replace(load_checkpoint(shipped("contact")), kind=name), path)
-        return
-    recipe: dict[str, Any] = COMMON | settings
-    training = Training(model=name, data=str(data), validation=str(validation), samples=samples, **recipe)
-    train_physics(training, TrainingRun(out=str(path)))
+    elif not path.is_file():
+        recipe: dict[str, Any] = COMMON | settings
+        training = Training(model=name, data=str(data), validation=str(validation), samples=samples, **recipe)
+        train_physics(training, TrainingRun(out=str(path)))
 
 
-def _written(row: dict[str, Any]) -> str:
-    return f"{row['value']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
+def _title(model: str) -> str:
+    return model.replace("-", " ").replace("_", " ")
 
 
-def _save_figure(rows: dict[tuple[str, str], dict[str, Any]], shown: tuple[str, ...], path: Path) -> None:
-    figure = Figure(figsize=(8, 0.3 * len(shown) + 1), layout="constrained")
+def _written(row: dict[str, Any] | None) -> str:
+    return f"{row['value']:.2f} ({row['low']:.2f} to {row['high']:.2f})" if row else ""
+
+
+def _save_figure(rows: list[tuple[str, dict[str, Any]]], path: Path) -> None:
+    figure = Figure(figsize=(8, 0.3 * len(rows) + 1), layout="constrained")
     axes = figure.subplots()
-    found = [rows[model, "final_error_moved_cm"] for model in shown]
-    value = [row["value"] for row in found]
-    spread = [[row["value"] - row["low"] for row in found], [row["high"] - row["value"] for row in found]]
-    axes.barh(range(len(shown)), value, xerr=spread, color="#2060c0")
-    axes.set_yticks(range(len(shown)), [model.replace("_", " ") for model in shown])
+    for place, (title, row) in enumerate(rows):
+        axes.plot((row["low"], row["high"]), (place, place), color="#90b0e0", linewidth=4)
+        axes.plot(row["value"], place, "o", color="#2060c0")
+        if title == BASE:
+            axes.axvline(row["value"], color="#808080", linewidth=0.8)
+    axes.set_yticks(range(len(rows)), [title for title, _ in rows])
     axes.invert_yaxis()
+    axes.grid(axis="x", color="#e0e0e0")
     axes.set(xscale="log", xlabel=f"final error of bodies that moved, {FRAMES} frames (cm)")
     figure.savefig(path)
 
