@@ -95,7 +95,10 @@ class JointsHeld(ContactMessages):
         return super()._motion(state, graph, solve(problem))
 
 
-def seeing(base: type[ContactDynamics], change: Callable[[State], State]) -> type[ContactDynamics]:
+Dynamics = type[ContactDynamics | PropnetDynamics]
+
+
+def seeing(base: Dynamics, change: Callable[[State], State]) -> Dynamics:
     """The same network, which sees changed states."""
 
     class Seeing(base):
@@ -155,7 +158,7 @@ def _joined(state: State, **changes: Tensor) -> State:
 class Variant(NamedTuple):
     """settings: of its training, where they are not the common ones; None: nothing is trained."""
 
-    network: type[ContactDynamics | PropnetDynamics]
+    network: Dynamics
     settings: dict[str, int] | None
 
 
@@ -168,6 +171,7 @@ VARIANTS = {
     "messages": Variant(ContactMessages, {}),
     "messages-other-seed": Variant(ContactMessages, {"seed": 1}),
     "messages-between-centres": Variant(PropnetDynamics, {}),
+    "messages-between-centres-no-velocity": Variant(seeing(PropnetDynamics, no_velocity), {}),
     "messages-joints-found-anew": Variant(seeing(ContactMessages, found_anew), {}),
     "messages-joints-held": Variant(JointsHeld, {}),
     "messages-fixed-as-sliders": Variant(seeing(ContactMessages, fixed_as_sliders), {}),
@@ -252,6 +256,7 @@ def _save_figure(rows: list[tuple[str, dict[str, Any]]], path: Path) -> None:
     axes.set_yticks(range(len(rows)), [title for title, _ in rows])
     axes.invert_yaxis()
     axes.grid(axis="x", color="#e0e0e0")
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.set(xscale="log", xlabel=f"final error of bodies that moved, {FRAMES} frames (cm)")
     figure.savefig(path)
 
