@@ -162,6 +162,7 @@ class Variant(NamedTuple):
     settings: dict[str, int] | None
 
 
+UNTOLD = seeing(ContactMessages, no_velocity)
 COMMON = {"frames": 4, "batch": 32, "hidden": 128, "propagation_steps": 4, "learning_rate": 1e-3}
 VARIANTS = {
     "solve": Variant(ContactDynamics, None),
@@ -175,11 +176,12 @@ VARIANTS = {
     "messages-joints-found-anew": Variant(seeing(ContactMessages, found_anew), {}),
     "messages-joints-held": Variant(JointsHeld, {}),
     "messages-fixed-as-sliders": Variant(seeing(ContactMessages, fixed_as_sliders), {}),
-    "messages-no-velocity": Variant(seeing(ContactMessages, no_velocity), {}),
+    "messages-no-velocity": Variant(UNTOLD, {}),
     **{f"messages-{steps}-steps": Variant(ContactMessages, {"propagation_steps": steps}) for steps in (1, 2, 6, 8)},
     **{f"messages-hidden-{hidden}": Variant(ContactMessages, {"hidden": hidden}) for hidden in (64, 256)},
     "messages-1-frame": Variant(ContactMessages, {"frames": 1, "batch": 128}),
     "messages-10-frames": Variant(ContactMessages, {"frames": 10, "batch": 13}),
+    **{f"messages-no-velocity-{steps}-steps": Variant(UNTOLD, {"propagation_steps": steps}) for steps in (1, 8)},
 }
 for name, variant in VARIANTS.items():
     register_network(name, variant.network)
