@@ -177,11 +177,11 @@ VARIANTS = {
     "messages-joints-held": Variant(JointsHeld, {}),
     "messages-fixed-as-sliders": Variant(seeing(ContactMessages, fixed_as_sliders), {}),
     "messages-no-velocity": Variant(UNTOLD, {}),
+    "messages-no-velocity-1-step": Variant(UNTOLD, {"propagation_steps": 1}),
     **{f"messages-{steps}-steps": Variant(ContactMessages, {"propagation_steps": steps}) for steps in (1, 2, 6, 8)},
     **{f"messages-hidden-{hidden}": Variant(ContactMessages, {"hidden": hidden}) for hidden in (64, 256)},
     "messages-1-frame": Variant(ContactMessages, {"frames": 1, "batch": 128}),
     "messages-10-frames": Variant(ContactMessages, {"frames": 10, "batch": 13}),
-    **{f"messages-no-velocity-{steps}-steps": Variant(UNTOLD, {"propagation_steps": steps}) for steps in (1, 8)},
 }
 for name, variant in VARIANTS.items():
     register_network(name, variant.network)
