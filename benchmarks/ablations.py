@@ -48,6 +48,8 @@ METRICS = {
     "above_base_cm": f"final, moved, above {BASE}",
 }
 FRAMES = 50
+MOST = 0.05
+"""No learnt motion is larger in a frame (m, rad); tools move by 0.025 m at most."""
 
 
 class ContactMessages(ContactDynamics):
@@ -106,6 +108,17 @@ def seeing(base: Dynamics, change: Callable[[State], State]) -> Dynamics:
             return super().forward(change(state), control)
 
     return Seeing
+
+
+def bounded(base: Dynamics) -> Dynamics:
+    """The same network, whose rollouts stay finite where they diverge."""
+
+    class Bounded(base):
+        def forward(self, state: State, control: Control) -> Advance:
+            advance = super().forward(state, control)
+            return advance._replace(motion=advance.motion.clamp(-MOST, MOST))
+
+    return Bounded
 
 
 def no_velocity(state: State) -> State:
@@ -184,7 +197,7 @@ VARIANTS = {
     "messages-10-frames": Variant(ContactMessages, {"frames": 10, "batch": 13}),
 }
 for name, variant in VARIANTS.items():
-    register_network(name, variant.network)
+    register_network(name, variant.network if variant.settings is None else bounded(variant.network))
 
 
 class Training(PhysicsTraining):
