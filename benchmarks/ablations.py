@@ -271,8 +271,8 @@ def _save_figure(rows: list[tuple[str, dict[str, Any]]], path: Path) -> None:
     axes.set_yticks(range(len(rows)), [title for title, _ in rows])
     axes.invert_yaxis()
     axes.grid(axis="x", color="#e0e0e0")
-    axes.xaxis.set_major_formatter("{x:g}")
     axes.set(xscale="log", xlabel=f"final error of bodies that moved, {FRAMES} frames (cm)")
+    axes.xaxis.set_major_formatter("{x:g}")
     figure.savefig(path)
 
 
