@@ -110,7 +110,7 @@ weights-paper-recipe: data
 
 weights-spread: data
 	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
-	  --rollouts 6400 --samples 4000000 --run-folder $(RUNS)/spread --out $(WEIGHTS)/spread.safetensors
+	  --rollouts 9600 --samples 6000000 --run-folder $(RUNS)/spread --out $(WEIGHTS)/spread.safetensors
 
 weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \

@@ -27,9 +27,9 @@ FEATURES = (
     *("tool_near", "tool_was_near", "others_near", "moving", "straightness", "pace", "frames", "size", "slenderness"),
     *("turning_now", "faster_or_slower", "with_tool", "slipping_on_tool", "slipping_on_others", "slipped", "touches"),
     *("mass", "table_friction", "side_friction", "cylinder", "tool", "immovable"),
-    *("mass_unknown", "table_friction_unknown", "side_friction_unknown", "doubt", "moved_at_start"),
+    *("mass_unknown", "table_friction_unknown", "side_friction_unknown", "doubt", "moved_at_start", "doubt_of_many"),
 )
-"""Of every node."""
+"""Of every node. doubt_of_many: doubt by the logarithm of how many bodies there are; among few, more are joined."""
 COUPLINGS = ("rigid", "jointed", "near", "worked", "slipping", "doubted")
 """Between nodes: joined rigidly, or by hinge or slider; near each other now; moved while near, as a share of the motion
 around; slipping on each other now, as a share of the tool's pace; and how probable it is that what the prediction takes
@@ -172,6 +172,7 @@ def track_features(
         of_scene(~scenes.side_friction_known),
         doubted.sum(-1),
         of_bodies((first_motion[..., :2].norm(dim=-1) * 100).clamp(max=3.0)),
+        doubted.sum(-1) * of_scene(scenes.present.sum(1).log() - 2),
     )
     batch, count = nodes.shape[:2]
     features = torch.stack([column.expand(batch, count, len(is_tool)) for column in columns], -1)
