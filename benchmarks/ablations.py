@@ -48,8 +48,8 @@ METRICS = {
     "above_base_cm": f"final, moved, above {BASE}",
 }
 FRAMES = 50
-MOST = 0.05
-"""No learnt motion is larger in a frame (m, rad); tools move by 0.025 m at most."""
+MOST = (0.05, 0.05, 1.0)
+"""No learnt motion is larger in a frame (m, m, rad); tools move by 0.025 m at most."""
 
 
 class ContactMessages(ContactDynamics):
@@ -116,7 +116,8 @@ def bounded(base: Dynamics) -> Dynamics:
     class Bounded(base):
         def forward(self, state: State, control: Control) -> Advance:
             advance = super().forward(state, control)
-            return advance._replace(motion=advance.motion.clamp(-MOST, MOST))
+            most = advance.motion.new_tensor(MOST)
+            return advance._replace(motion=advance.motion.clamp(-most, most))
 
     return Bounded
 
