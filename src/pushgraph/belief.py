@@ -280,14 +280,14 @@ def watch_windows(
     batch, bodies = poses.shape[0], poses.shape[2]
 
     together = max(1, CHUNK // batch)
-    told = []
+    evidences: list[Evidence] = []
     for k in range(0, frames, together):
         frame = concatenate(looks[k : k + together])
         evidence = evidence_of(network, frame, dynamics.foresee(frame.before, frame.control))
-        told.append(map_tensors(lambda values: values.unflatten(0, (-1, batch)), evidence))
-    rows = Rows.of(torch.cat([some.active for some in told]).any(0), bodies)
+        evidences.append(map_tensors(lambda values: values.unflatten(0, (-1, batch)), evidence))
+    rows = Rows.of(torch.cat([evidence.active for evidence in evidences]).any(0), bodies)
     features, active, moved = (
-        torch.cat([values[:, rows.scene, rows.pair] for values in parts]) for parts in zip(*told, strict=True)
+        torch.cat([values[:, rows.scene, rows.pair] for values in column]) for column in zip(*evidences, strict=True)
     )
     encoded = network.encode(features)
     memory = Memory(

@@ -96,7 +96,7 @@ class BeliefNetwork(nn.Module):
 
     Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent. What a pair last
     told stands beside its state in `Memory.relations`, for joint memory alone answers most questions. The state waits
-    while both bodies rest: a camera's noise would carry it away, however long a pause is.
+    while both bodies rest, so that a camera's noise does not move it in a pause.
     """
 
     PHYSICS = "contact"

@@ -21,8 +21,8 @@ def add_keys(session: Session) -> None:
         ("One frame on", "arrowright", None, lambda: timeline.step(1)),
         ("One frame back", "arrowleft", None, lambda: timeline.step(-1)),
         ("A second on", "arrowright", "shift", lambda: timeline.step(SECOND)),
-        ("Cancel what is being done", "escape", None, session.working.cancel),
         ("A second back", "arrowleft", "shift", lambda: timeline.step(-SECOND)),
+        ("Cancel what is being done", "escape", None, session.working.cancel),
     ]
     for label, key, modifier, act in keys:
         command = session.server.gui.add_command(label, hotkey=key, modifier=modifier)  # type: ignore[arg-type]

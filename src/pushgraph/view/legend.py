@@ -4,11 +4,12 @@ import html
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from pushgraph.adaptation.unknowns import COUNT, Unknowns
 from pushgraph.belief_history import BeliefHistory
 from pushgraph.lever_scene import LeverScene
-from pushgraph.mass_chains import FRICTION
+from pushgraph.mass_chains import FRICTION, LEVELS
 from pushgraph.mass_prior import prior_quantiles
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION, Scene
 from pushgraph.view.drawing import SceneDrawing
@@ -16,8 +17,6 @@ from pushgraph.view.drawing.colours import BODIES, FORCE, GOAL, JOINTS, PUSH, SP
 from pushgraph.view.drawing.placing import frame_at
 
 MOST_BODIES = 40
-HOLD = np.array([0.16, 0.84])
-"""Ends of intervals that hold 68 %."""
 LIGHT = 180
 """Colours of which every part is larger stand on a dark ground."""
 MARKS = {
@@ -64,9 +63,8 @@ def facts(scene: Scene | LeverScene, history: BeliefHistory | None = None, time:
     believed = believed_masses(history, time)
     still = scene.immovable
     rows = []
-    low, high = prior_quantiles(scene.classes_of_mass, HOLD).tolist()
+    assumed = _assumed(NOMINAL_MASS, prior_quantiles(scene.classes_of_mass, np.array(LEVELS[1:])), " kg")
     for body, fixed in list(zip(scene.bodies, still.tolist(), strict=True))[:MOST_BODIES]:
-        assumed = f"{NOMINAL_MASS:g} kg assumed ({low:.2g} to {high:.2g})"
         mass = assumed if body.mass is None else f"{body.mass:.3g} kg"
         rows.append((body.name, "fixed" if fixed else believed.get(body.name, mass)))
     if len(scene.bodies) > MOST_BODIES:
@@ -77,15 +75,22 @@ def facts(scene: Scene | LeverScene, history: BeliefHistory | None = None, time:
 def _frictions(scene: Scene, history: BeliefHistory | None, time: float) -> list[tuple[str, str]]:
     """What is known of frictions; where that is nothing, what is assumed, and what is thought possible beforehand."""
     table, sides = scene.table.friction, scene.side_friction
-    low, high = (FRICTION[0] + (FRICTION[1] - FRICTION[0]) * HOLD).tolist()
-    told = f"{NOMINAL_TABLE_FRICTION:g} assumed ({low:.2g} to {high:.2g})" if table is None else f"{table:g}"
+    low, high = FRICTION
+    prior = np.array([low + (high - low) * level for level in LEVELS[1:]])
+    told = _assumed(NOMINAL_TABLE_FRICTION, prior) if table is None else f"{table:g}"
     masses = None if history is None else history.mass_history
     if masses is not None and masses.friction is not None:
         median, low, high = masses.friction[frame_at(masses.times, time)].tolist()
         told = f"{median:.2g} ({low:.2g} to {high:.2g})"
-    low, high = (Unknowns.of(np.eye(COUNT)[0] * away).side_friction for away in (-1, 1))
-    between = f"{NOMINAL_SIDE_FRICTION:g} assumed ({low:.2g} to {high:.2g})" if sides is None else f"{sides:g}"
+    deviation = np.eye(COUNT)[Unknowns._fields.index("side_friction")]
+    prior = np.asarray(Unknowns.of(np.array([-deviation, deviation])).side_friction)
+    between = _assumed(NOMINAL_SIDE_FRICTION, prior) if sides is None else f"{sides:g}"
     return [("friction of the table", told), ("between bodies", between)]
+
+
+def _assumed(nominal: float, interval: Float[np.ndarray, "2"], unit: str = "") -> str:
+    low, high = interval.tolist()
+    return f"{nominal:g}{unit} assumed ({low:.2g} to {high:.2g})"
 
 
 def believed_masses(history: BeliefHistory | None, time: float) -> dict[str, str]:
