@@ -35,7 +35,7 @@ const look = () => {
   const calls = window.calls - before;
   before = window.calls;
   if (calls) window.pictures++;
-  if (calls > 30 && !window.whole) requestAnimationFrame(() => { window.whole = performance.now() / 1000; });
+  if (calls > 12 && !window.whole) requestAnimationFrame(() => { window.whole = performance.now() / 1000; });
   requestAnimationFrame(look);
 };
 requestAnimationFrame(look);

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from scenes import body, workshop
 
 pytest.importorskip("viser", reason="the extra [viewer] is not installed")
@@ -25,7 +26,7 @@ from pushgraph.forces import ContactForces
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.mass_history import MassHistory
 from pushgraph.scene import Scene
-from pushgraph.shape import Cuboid, Polygon
+from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.spread import Spread
 from pushgraph.tool import Push
 from pushgraph.track import Track
@@ -34,12 +35,13 @@ from pushgraph.view.drawing.beliefs import rods
 from pushgraph.view.drawing.colours import BODIES, JOINTS
 from pushgraph.view.drawing.contact_arrows import opposite_arrows
 from pushgraph.view.drawing.forces import LONGEST
+from pushgraph.view.drawing.forms import RIM, form_of
 from pushgraph.view.drawing.joints import ARM, drawn_joint
 from pushgraph.view.drawing.names import GAP, PADDING, WIDTH, View, heights_of
 from pushgraph.view.drawing.placing import LIFT, frame_at
-from pushgraph.view.drawing.solids import Solid, circle, prism
+from pushgraph.view.drawing.solids import Solid, circle, outline_of, prism
 from pushgraph.view.drawing.spread import PROBABILITIES, regions
-from pushgraph.view.drawing.trails import thinned
+from pushgraph.view.drawing.trails import BREADTH, strips, thinned
 from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.legend import facts, legend
 from pushgraph.view.saved_page import save_page
@@ -95,6 +97,43 @@ def test_a_prism_is_closed_and_its_faces_look_outwards(outline: np.ndarray) -> N
     corners = np.round(solid.vertices[solid.faces], 9)
     edges = [tuple(map(tuple, (f[i], f[(i + 1) % 3]))) for f in corners.tolist() for i in range(3)]
     assert sorted(edges) == sorted((b, a) for a, b in edges)  # each is shared by two faces, once either way
+
+
+SHAPES = (Cuboid(size=(0.06, 0.03)), Cylinder(diameter=0.08), Polygon(points=L_SHAPE))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_form_has_the_size_of_its_body_and_a_rim_all_around(shape) -> None:
+    form = form_of(shape)
+    sized = [s._replace(vertices=s.vertices * size) for s, size in ((form.solid, form.size), (form.rim, form.rim_size))]
+    area = shapely.Polygon(outline_of(shape)).area
+    assert volume(sized[0]) == pytest.approx(area * shape.height)
+    upper = [s.vertices[s.vertices[:, 2] > 0] for s in sized]
+    assert upper[1][:, 2] == pytest.approx(shape.height + RIM)
+    inner, outer = (shapely.Polygon(p[: len(outline_of(shape))]) for p in upper)
+    assert outer.contains(inner)
+    assert volume(sized[1]) > volume(sized[0])
+
+
+def test_one_call_draws_all_bodies_of_a_kind(server, drawing: SceneDrawing) -> None:
+    shapes = (*SHAPES, Cuboid(size=(0.05, 0.05)), Cylinder(diameter=0.05), Polygon(points=L_SHAPE))
+    scene = Scene(bodies=tuple(body(f"b{k}", 0.3 * k - 0.75, 0.0, shape) for k, shape in enumerate(shapes)))
+    drawing.show_scene(scene)
+    assert sorted(grip.names for grip in drawing.grips) == [("b0", "b3"), ("b1", "b4"), ("b2", "b5")]
+    for grip in drawing.grips:
+        places = [scene.poses_world_from_body[scene.names.index(name), :2] for name in grip.names]
+        np.testing.assert_allclose(grip.handle.batched_positions[:, :2], places, atol=1e-6)
+
+
+def test_strips_lie_along_the_legs_of_a_trail() -> None:
+    legs = np.random.default_rng(0).normal(size=(20, 2, 3))
+    legs[:2] = [[[0, 0, 0], [-1, 0, 0]], [[0, 0, 0], [0, 0, 2]]]
+    solid = strips(legs)
+    for (begin, end), corners in zip(legs, solid.vertices.reshape(20, 4, 3), strict=True):
+        np.testing.assert_allclose((corners[0] + corners[3]) / 2, begin, atol=1e-12)
+        np.testing.assert_allclose((corners[1] + corners[2]) / 2, end, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(corners[3] - corners[0]), BREADTH)
+        assert (corners[3] - corners[0]) @ (end - begin) == pytest.approx(0, abs=1e-12)
 
 
 def test_names_do_not_hide_each_other_at_first_sight() -> None:
@@ -205,12 +244,18 @@ def test_a_frame_moves_what_moved_and_sends_nothing_else(server, drawing: SceneD
     assert {message["name"] for _, message in recording._messages[before:]} == {
         "/view/bodies/plate",
         "/view/tool/frame",
+        *(f"/view/bodies/{part}" for part in ("solids_0", "rims_0", "fronts")),
     }
     recording.serialize()
+    (grip,) = [grip for grip in drawing.grips if "plate" in grip.names]
+    instance = grip.names.index("plate")
+    assert grip.handle.batched_positions[instance].tolist() == pytest.approx([0.04, 0.0, 0.0])
     drawing.set_frame(5)
     assert not handle.visible
+    assert (grip.handle.batched_scales[instance] == 0).all()
     drawing.set_frame(99)
     assert handle.visible
+    assert (grip.handle.batched_scales[instance] > 0).all()
     assert drawing.frame == len(track.times) - 1
     assert drawing.push_times == {1: pytest.approx(0.10)}
 
@@ -218,13 +263,13 @@ def test_a_frame_moves_what_moved_and_sends_nothing_else(server, drawing: SceneD
 def test_what_has_not_changed_is_not_drawn_again(drawing: SceneDrawing) -> None:
     scene = workshop()
     drawing.show_scene(scene)
-    solids = dict(drawing.body_handles)
+    solids = list(drawing.grips)
     pushes = drawing._pushes._layer._frame
     drawing.show_scene(scene.replace(pushes=(Push(start=(-0.3, 0.0), end=(0.0, 0.0)),)))
-    assert dict(drawing.body_handles) == solids
+    assert list(drawing.grips) == solids
     assert drawing._pushes._layer._frame is not pushes
     drawing.show_scene(scene.replace(bodies=(*scene.bodies, body("new", -0.5, -0.5))))
-    assert "new" in drawing.body_handles
+    assert any("new" in grip.names for grip in drawing.grips)
 
 
 def test_nothing_is_left_of_what_was_removed(server) -> None:
@@ -385,7 +430,7 @@ def test_polygons_stand_as_they_are(drawing: SceneDrawing) -> None:
         bodies=(body("bracket", 0.3, 0.0, Polygon(points=L_SHAPE)), body("box", 0, 0, Cuboid(size=(0.1, 0.1))))
     )
     drawing.show_scene(scene)
-    solid = drawing.body_handles["bracket"]
+    (solid,) = [grip.handle for grip in drawing.grips if grip.names == ("bracket",)]
     top = solid.vertices[np.isclose(solid.vertices[:, 2], 0.10)][:, :2]
     assert {tuple(point) for point in top.astype(float).round(4).tolist()} == set(L_SHAPE)
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from pushgraph.scene import Scene
 from pushgraph.view import scene_edits
+from pushgraph.view.drawing.bodies import Grip
 from pushgraph.view.drawing.tool import arrow_height
 from pushgraph.view.session import Session
 
@@ -24,7 +25,7 @@ class Handles:
     def __init__(self, session: Session) -> None:
         self.session = session
         self.knobs: dict[str, Any] = {}
-        self._bodies: dict[str, Any] = {}
+        self._grips: list[Grip] = []
         session.refreshers.append(self.refresh)
 
     def refresh(self) -> None:
@@ -114,17 +115,18 @@ class Handles:
 
     def _hold_bodies(self, planar: bool) -> None:
         """Make the solids of the bodies draggable, those that are not yet."""
-        solids = dict(self.session.drawing.body_handles) if planar else {}
-        for name, solid in solids.items():
-            if self._bodies.get(name) is not solid:
-                self._hold(name, solid)
-        self._bodies = solids
+        grips = list(self.session.drawing.grips) if planar else []
+        held = [grip.handle for grip in self._grips]
+        for grip in grips:
+            if not any(grip.handle is handle for handle in held):
+                self._hold(grip)
+        self._grips = grips
 
-    def _hold(self, name: str, solid: Any) -> None:
+    def _hold(self, grip: Grip) -> None:
         grabbed: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}
         """Of each browser that drags: where the pointer was on the table, the body's pose, and at which height."""
 
-        def place(event: Any, turning: bool) -> list[float] | None:
+        def place(event: Any, name: str, turning: bool) -> list[float] | None:
             """Where the body would be; None if the pointer is off the table's plane."""
             if event.phase == "start":
                 scene = self.session.workbench.scene
@@ -148,7 +150,8 @@ class Handles:
             return [*np.round(pose[:2] + point - first, 4).tolist(), float(pose[2])]
 
         def drag(event: Any, turning: bool) -> None:
-            there = place(event, turning)
+            name = grip.names[event.instance_index or 0]
+            there = place(event, name, turning)
             if event.phase == "end":
                 grabbed.pop(event.client_id, None)
             if there is None:
@@ -159,11 +162,11 @@ class Handles:
             else:
                 self.session.do_latest(("body", name), lambda: self._foresee_body(name, there))
 
-        @solid.on_drag
+        @grip.handle.on_drag
         async def _(event: Any) -> None:
             drag(event, False)
 
-        @solid.on_drag("left", modifier="shift")
+        @grip.handle.on_drag("left", modifier="shift")
         async def _(event: Any) -> None:
             drag(event, True)
 

@@ -1,6 +1,6 @@
 """One scene in the browser, and what moves in it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -18,7 +18,7 @@ from pushgraph.scene import Scene
 from pushgraph.track import LIFTED, Track
 from pushgraph.view.drawing.arm import DrawnArm
 from pushgraph.view.drawing.beliefs import BeliefLinks
-from pushgraph.view.drawing.bodies import Bodies
+from pushgraph.view.drawing.bodies import Bodies, Grip
 from pushgraph.view.drawing.contact_arrows import ContactArrows
 from pushgraph.view.drawing.forces import ForceArrow
 from pushgraph.view.drawing.goal import DrawnGoal
@@ -31,6 +31,8 @@ from pushgraph.view.drawing.tool import DrawnPushes, DrawnTool
 from pushgraph.view.drawing.trails import Trails
 from pushgraph.view.known_forces import KnownForces
 
+MOST_SHADOWS = 20
+"""More bodies cast none: every shadow is drawn several times over."""
 RENAMED = 0.3
 """Names are placed anew so often in a track (s)."""
 
@@ -255,9 +257,9 @@ class SceneDrawing:
         return self._contact_forces.source, self._contact_forces.newtons
 
     @property
-    def body_handles(self) -> Mapping[str, viser.MeshHandle]:
-        """The solid of each body, by name, for `on_click` and `on_drag`; new handles after the bodies were changed."""
-        return self._bodies.solids
+    def grips(self) -> Sequence[Grip]:
+        """The solids of the bodies, for `on_click` and `on_drag`; new ones after the bodies were changed."""
+        return self._bodies.grips
 
     def clear(self) -> None:
         """Remove everything."""
@@ -282,8 +284,11 @@ class SceneDrawing:
     def _draw_scene(self, scene: Scene | LeverScene) -> None:
         view = self._seen_from(scene)
         self.scene = scene
-        self._table.show(scene)
-        self._bodies.show(scene, view)
+        shadows = len(scene.bodies) <= MOST_SHADOWS
+        # Even where nothing casts one, they are computed for every pixel.
+        self._server.scene.configure_default_lights(cast_shadow=shadows)
+        self._table.show(scene, shadows)
+        self._bodies.show(scene, view, shadows)
         self._tool.show(scene)
         if isinstance(scene, Scene):
             self._pushes.show(scene, view)
