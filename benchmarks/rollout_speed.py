@@ -22,7 +22,8 @@ from pushgraph.evaluation.metrics import MOVED
 from pushgraph.graph.propnet_graph import EDGE_FEATURES, NODE_FEATURES
 from pushgraph.graph.scene_batch import batch_scenes
 from pushgraph.graph.state import State, controls
-from pushgraph.physics import PRECISIONS, PhysicsPredictor
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.precision import PRECISIONS
 from pushgraph.simulation.aiming import aim
 from pushgraph.simulation.placement import NoRoom
 from pushgraph.simulation.planar import PlanarSimulation

@@ -11,7 +11,8 @@ from pushgraph.body import Body, Joint
 from pushgraph.errors import EvaluationError, PlanningError
 from pushgraph.evaluation import clutter
 from pushgraph.evaluation.clutter import AWAY, MARGIN, draw_goal, evaluate_clutter
-from pushgraph.physics import Beliefs, PhysicsPredictor
+from pushgraph.joint_doubt import Beliefs
+from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning.closed_loop import SimulatedEnvironment, how_likely, push_to_goal
 from pushgraph.planning.dynamics import learned
 from pushgraph.planning.goal import Goal

@@ -7,7 +7,7 @@ from scenes import workshop
 from torch import nn
 
 import pushgraph as pg
-from pushgraph import lever_physics, physics
+from pushgraph import lever_physics
 from pushgraph.belief import BeliefModel
 from pushgraph.device import devices, place_of
 from pushgraph.errors import DeviceError, TrainingError
@@ -17,6 +17,7 @@ from pushgraph.graph.scene_batch import batch_scenes, tensors_of
 from pushgraph.graph.state import start
 from pushgraph.network.dynamics import ContactDynamics
 from pushgraph.network.registry import build_network
+from pushgraph.rollout import rollout
 from pushgraph.simulation.lever_setup import draw_interaction
 from pushgraph.training.processes import Processes, default_count
 from pushgraph.training.run import TrainingRun
@@ -43,7 +44,7 @@ def found(value: object) -> list[torch.Tensor]:
 def test_what_is_predicted_goes_where_the_network_is(model: str, monkeypatch) -> None:
     predictor = pg.load(model, device="meta")
     assert predictor.device.type == "meta"
-    monkeypatch.setattr(physics, "rollout", meets)
+    monkeypatch.setattr("pushgraph.physics.rollout", meets)
     scene = workshop()
     states = pg.load(model).start([scene])
     assert {one.device.type for one in tensors_of(predictor.start([scene]))} == {"meta"}
@@ -93,7 +94,7 @@ def test_nothing_is_made_elsewhere_on_the_way(model: str, monkeypatch) -> None:
             answer = watcher.probabilities(watch)
             assert watcher.masses(watch).median.isfinite().all()
         else:
-            answer = physics.rollout(network, state, tool, down).poses
+            answer = rollout(network, state, tool, down).poses
     assert answer.device.type == "cpu"
     assert answer.isfinite().all()
 

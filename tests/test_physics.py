@@ -15,7 +15,8 @@ from pushgraph.checkpoint import Checkpoint, save_checkpoint
 from pushgraph.cli import main
 from pushgraph.errors import CheckpointError, PredictionError
 from pushgraph.network.dynamics import DYNAMICS
-from pushgraph.physics import MODELS, PRECISIONS, PhysicsPredictor, fastest_precision
+from pushgraph.physics import MODELS, PhysicsPredictor
+from pushgraph.precision import PRECISIONS, fastest_precision
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.tool import Push, Tool

@@ -3,37 +3,35 @@
 import contextlib
 import functools
 import os
-import time
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from safetensors.torch import save
-from torch import Tensor
 
 from pushgraph.array_input import Values, checked
 from pushgraph.checkpoint import load_checkpoint, shipped
 from pushgraph.dataset.engines import single_threaded
 from pushgraph.device import device_of, place_of
 from pushgraph.errors import AssumptionWarning, CheckpointError, PredictionError, SceneError
-from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, map_tensors, pair_index
+from pushgraph.graph.scene_batch import batch_scenes, map_tensors
 from pushgraph.graph.state import State, start
-from pushgraph.graph.steps import plan_steps
-from pushgraph.graph.track_features import default_doubt, doubt_of
+from pushgraph.joint_doubt import Beliefs, joint_doubt
 from pushgraph.network.alike import OnceWhileAlike
 from pushgraph.network.contract import Dynamics
 from pushgraph.network.dynamics import DYNAMICS, ContactDynamics
 from pushgraph.plausibility import PREDICTED_OVERLAP, assumed_values, refusal, start_fault
+from pushgraph.precision import PRECISIONS, fastest_precision
 from pushgraph.push_batch import PushPredictions, pushes_of
+from pushgraph.rollout import Rollout, rollout
 from pushgraph.scene import OVERLAP, Scene
 from pushgraph.scene_parts import SceneInParts, in_parts
 from pushgraph.scene_range import warn_of_range
 from pushgraph.simulation.motion import plan_tool
-from pushgraph.spread import Spread
 from pushgraph.spread_model import SpreadModel
 from pushgraph.storage import cache_folder, replacing
 from pushgraph.tool import Push
@@ -41,86 +39,8 @@ from pushgraph.track import FRAME, LIFTED, Track
 
 MODELS = ("contact", "propnet", "image")
 """The shipped predictors: ours, and the paper's."""
-PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
-"""What the networks may compute in; geometry and poses keep their own precision."""
-Beliefs = Mapping[tuple[str, str], Sequence[float] | np.ndarray]
-"""Probabilities of none, fixed, prismatic and revolute for pairs of bodies, by name: those of a `BeliefRegulator` are
-`dict(zip(regulator.pairs, regulator.probabilities))`. Other pairs count as the scene says."""
 FEW = 64
 """So few scenes are predicted on one thread: several would wait for each other more than they work."""
-
-
-@functools.cache
-def fastest_precision(device: str = "cpu") -> str:
-    """The precision in which networks are fastest on this machine, timed once: without instructions for bfloat16 it is
-    several times slower than float32."""
-    seconds = {}
-    for name, precision in PRECISIONS.items():
-        weight, rows = torch.ones(256, 256, dtype=precision, device=device), torch.ones(4096, 256, device=device)
-        rows = rows.to(precision)
-        for _ in range(2):  # the first warms up
-            begun = time.perf_counter()
-            for _ in range(4):
-                rows = (rows @ weight).relu() / 256
-            rows.sum().item()
-            seconds[name] = time.perf_counter() - begun
-    return min(seconds, key=seconds.__getitem__)
-
-
-class Rollout(NamedTuple):
-    """Poses in every frame, the first being where everything starts.
-
-    poses: pose_world_from_body. tool: pose_world_from_tool; as it was asked for, but where a force limit held it back.
-    spread: how far off the poses may be, [batch frames bodies]; None if it was not asked for.
-    """
-
-    poses: Float[Tensor, "batch frames bodies 3"]
-    tool: Float[Tensor, "batch frames 3"]
-    spread: Spread | None = None
-
-    def numpy(self) -> tuple[Float[np.ndarray, "batch frames bodies 3"], Float[np.ndarray, "batch frames 3"]]:
-        """Poses of the bodies, and of the tool, as arrays of NumPy."""
-        return self.poses.detach().cpu().numpy(), self.tool.detach().cpu().numpy()
-
-
-def rollout(
-    dynamics: Dynamics,
-    state: State,
-    tool: Float[Tensor, "batch frames 3"],
-    down: Bool[Tensor, "batch frames"],
-    frames_per_step: int = 1,
-    longest_step: float | None = None,
-    force_limit: Float[Tensor, "batch frames"] | None = None,
-) -> Rollout:
-    """Predict all frames.
-
-    tool: pose_world_from_tool. down: whether it is down on the table. frames_per_step, longest_step: how many frames
-    and how much of the tool's way (m) a step may cover, by default as the dynamics say; see `pushgraph.graph.steps`.
-    force_limit: of the tool along its motion (N), infinite where there is none; a tool that it holds back is late from
-    then on, until it is lifted. What cannot move is held in place, whatever the dynamics make of it.
-    Differentiable in all poses.
-    """
-    longest = dynamics.LONGEST_STEP if longest_step is None else longest_step
-    steps = plan_steps(tool, down, state.scenes.tool_radius, frames_per_step, longest, force_limit)
-    limited = force_limit is not None and bool(force_limit.isfinite().any())
-    poses, tool_poses = [state.poses], [tool[:, 0]]
-    held = state.scenes.immovable[..., None] if bool(state.scenes.immovable.any()) else None
-    lag = torch.zeros_like(state.poses[:, 0, 0])
-    # Where no gradient is wanted, torch need not keep count of versions and views: a fifth of the time of few scenes.
-    with contextlib.nullcontext() if torch.is_grad_enabled() else torch.inference_mode():
-        for k, control in enumerate(steps.controls):
-            now = steps.late(k, lag) if limited else control
-            motion, done = dynamics(state, now)
-            poses.append(poses[-1] + (motion if held is None else motion.masked_fill(held, 0.0)))
-            state = state.observe(poses[-1], now.frames)
-            if limited:
-                lag = torch.where(now.down, lag + (1 - done) * now.frames, 0.0)
-                tool_poses.append(steps.tool_at(k + 1, lag))
-    # Outside of inference mode, so that what was predicted may be learnt from.
-    poses_in_frames = steps.at_frames(torch.stack(poses, 1), tool.shape[1])
-    if limited:
-        tool = steps.at_frames(torch.stack(tool_poses, 1)[:, :, None], tool.shape[1])[:, :, 0]
-    return Rollout(poses_in_frames, tool)
 
 
 class PhysicsPredictor:
@@ -219,7 +139,7 @@ class PhysicsPredictor:
         doubt: Values | None = None,
         alike: Sequence[Hashable] | None = None,
     ) -> Rollout:
-        """Predict all frames; see `rollout` in this module. Differentiable in the states' and the tool's poses.
+        """Predict all frames; see `pushgraph.rollout.rollout`. Differentiable in the states' and the tool's poses.
 
         tool: pose_world_from_tool, [batch frames 3]. down: [batch frames]. force_limit: N, [batch frames]. doubt:
         [batch pairs]. All of NumPy or torch; for the answer in NumPy see `Rollout.numpy`.
@@ -331,7 +251,7 @@ class PhysicsPredictor:
                 longest_step,
                 torch.from_numpy(limits),
                 spread,
-                None if beliefs is None else _doubt(states, scenes, beliefs),
+                None if beliefs is None else joint_doubt(states, scenes, beliefs),
                 [scene.model_copy(update={"pushes": ()}) for scene in scenes] if share else None,
             )
         predicted_poses, predicted_tool = predicted.numpy()
@@ -408,30 +328,3 @@ def _force_limits(pushes: Sequence[Push], under_way: Int[np.ndarray, " frames"])
     """Of the push that is under way in each frame (N)."""
     limits = [np.inf if push.force_limit is None else push.force_limit for push in pushes]
     return np.array([*limits, np.inf])[under_way]  # LIFTED counts from the end
-
-
-def _doubt(states: State, scenes: Sequence[Scene], beliefs: Sequence[Beliefs]) -> Float[Tensor, "batch pairs"]:
-    """Probability that what a scene takes for the joint of a pair is wrong."""
-    if len(beliefs) != len(scenes):
-        raise PredictionError(f"beliefs: one mapping a scene is needed, {len(scenes)}; got {len(beliefs)}")
-    states = map_tensors(lambda values: values.cpu(), states)
-    relations, bodies = states.relations, states.scenes.mass.shape[1]
-    doubt = default_doubt(relations)
-    probabilities, believed = torch.zeros(*doubt.shape, len(JOINT_CODES)), torch.zeros_like(doubt, dtype=torch.bool)
-    for k, (scene, pairs) in enumerate(zip(scenes, beliefs, strict=True)):
-        if pairs and in_parts(scene).scene is not scene:
-            raise PredictionError(f"beliefs: scene {k} has polygons, of which no joints are believed")
-        index = {name: body for body, name in enumerate(scene.names)}
-        for names, row in pairs.items():
-            unknown = [name for name in names if name not in index]
-            values = np.asarray(row, dtype=float)
-            if unknown or len(set(names)) != 2:
-                raise PredictionError(f"beliefs: {names!r} is no pair of bodies of scene {k}: {', '.join(scene.names)}")
-            if values.shape != (len(JOINT_CODES),) or not (values >= 0).all() or abs(values.sum() - 1) > 1e-3:
-                raise PredictionError(
-                    f"beliefs: {names!r}: must be probabilities of {', '.join(JOINT_CODES)}, got {values.tolist()}"
-                )
-            a, b = sorted(index[name] for name in names)
-            pair = pair_index(a, b, bodies)
-            probabilities[k, pair], believed[k, pair] = torch.from_numpy(values).float(), True
-    return torch.where(believed, doubt_of(states.scenes, relations, probabilities), doubt)

@@ -13,7 +13,8 @@ from pushgraph.belief import BeliefModel
 from pushgraph.errors import PushGraphError
 from pushgraph.evaluation.blocks import SETUP, Block, measure_blocks
 from pushgraph.evaluation.results import Results
-from pushgraph.physics import Beliefs, PhysicsPredictor
+from pushgraph.joint_doubt import Beliefs
+from pushgraph.physics import PhysicsPredictor
 from pushgraph.planning.closed_loop import MOST_PUSHES, SimulatedEnvironment, push_to_goal
 from pushgraph.planning.dynamics import learned, simulated
 from pushgraph.planning.goal import Goal

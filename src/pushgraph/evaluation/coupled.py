@@ -27,7 +27,8 @@ from pushgraph.graph.scene_batch import (
 )
 from pushgraph.graph.state import ADJACENT, State
 from pushgraph.network.contract import Dynamics
-from pushgraph.physics import PhysicsPredictor, rollout
+from pushgraph.physics import PhysicsPredictor
+from pushgraph.rollout import rollout
 
 STARTS = tuple(range(0, 101, 10))
 """Observed frames before a rollout starts; frame 0 is seen in any case."""

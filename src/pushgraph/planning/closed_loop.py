@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from pushgraph.physics import Beliefs
+from pushgraph.joint_doubt import Beliefs
 from pushgraph.planning.goal import Goal, index_of
 from pushgraph.planning.plan import Plan
 from pushgraph.regulator import BeliefRegulator

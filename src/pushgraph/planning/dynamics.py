@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph.errors import SimulationError
-from pushgraph.physics import Beliefs, PhysicsPredictor
+from pushgraph.joint_doubt import Beliefs
+from pushgraph.physics import PhysicsPredictor
 from pushgraph.scene import Scene
 from pushgraph.track import Track
 

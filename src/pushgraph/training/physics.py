@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from pushgraph.dataset.windows import WindowBatch, WindowSampler
 from pushgraph.graph.state import start
 from pushgraph.network.contract import PhysicsNetwork
-from pushgraph.physics import rollout
+from pushgraph.rollout import rollout
 from pushgraph.scene_range import range_of
 from pushgraph.training.conduct import conduct, nothing, open_dataset
 from pushgraph.training.examples import ExampleMaker

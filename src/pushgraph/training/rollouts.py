@@ -16,7 +16,7 @@ from pushgraph.graph.scene_batch import Relations, SceneBatch, batch_scenes, hid
 from pushgraph.graph.state import State, start
 from pushgraph.graph.track_features import default_doubt, doubt_of
 from pushgraph.network.contract import Dynamics
-from pushgraph.physics import rollout
+from pushgraph.rollout import rollout
 from pushgraph.scene import NOMINAL_MASS, NOMINAL_SIDE_FRICTION, NOMINAL_TABLE_FRICTION
 from pushgraph.track import Track
 from pushgraph.training.processes import Processes
