@@ -89,7 +89,9 @@ class SceneBatch(NamedTuple):
     relations: Relations
 
     def take(self, index: Int[Tensor, " scenes"]) -> "SceneBatch":
-        """Some of the scenes, in the order of `index`."""
+        """Some of the scenes, in the order of `index`; one that stands alone is not copied."""
+        if len(self.present) == 1:
+            return map_tensors(lambda values: values.expand(len(index), *values.shape[1:]), self)
         return map_tensors(lambda values: values[index], self)
 
     def to(self, device: torch.device | str) -> "SceneBatch":
