@@ -57,9 +57,9 @@ def bodies_in_reach(state: State, control: Control) -> Bool[Tensor, "batch bodie
         *(control.pose, control.motion, control.down),
     )
     moving = as_array(state.poses), as_array(state.motions), float(state.still)
-    arrays = Arrays(*moving, *map(as_array, tensors), frames=of_each(control.frames, len(state.poses)))
+    arrays = [*map(as_array, tensors), of_each(control.frames, len(state.poses))]
     reached = np.zeros(scenes.present.shape, bool)
-    _reach_all(arrays, reached)
+    _reach_all(Arrays(*moving, *arrays), reached)
     return torch.from_numpy(reached)
 
 
