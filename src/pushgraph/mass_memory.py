@@ -173,12 +173,12 @@ def observe(
     view: of the frame. motion: about as it was foreseen. relations: joints as they are believed. tell: is called with
     the frames that were looked at.
     """
-    control = frame.control.double()
+    control, camera = frame.control.double(), camera_of(frame)
     telling = control.down & (control.motion != 0).any(-1)
     seen = seen_in(view, wrench)
     memory = memory._replace(frames=memory.frames + 1)
     if not telling.any():
-        return memory._replace(tracked=rested(memory.tracked, view, frame, torch.ones_like(view.seen)))
+        return memory._replace(tracked=rested(memory.tracked, view, camera, torch.ones_like(view.seen)))
 
     batch = len(memory.log_mass)
     again = _next_kept(memory, telling)
@@ -200,7 +200,7 @@ def observe(
     number = torch.full((batch,), memory.frames, device=scene.device)
     looked = Looked(
         *(scene, torch.cat((number, old.number)), linearized, tracked, both, log_mass),
-        *(controls.motion[:, :2].norm(dim=-1), camera_of(frame)[scene]),
+        *(controls.motion[:, :2].norm(dim=-1), camera[scene]),
     )
     tell(looked)
     off = looked.surprises(network)
@@ -223,7 +223,8 @@ def observe(
     chains = memory.chains.sweep(total, telling, memory.frames)
     log_mass = torch.where(telling[:, None], chains.mean().to(telling.device), memory.log_mass)
     after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
-    after = rested(after, view, frame, ~telling[:, None])
+    if not telling.all():
+        after = rested(after, view, camera, ~telling[:, None])
     return MassMemory(memory.scenes, log_mass, after, kept, settled, total, chains, memory.frames)
 
 
@@ -243,10 +244,15 @@ def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
     return Tracked(tracked.poses + motions, motions, left, (1 - gain) * off.tracked)
 
 
-def rested(tracked: Tracked, view: View, frame: Frame, at_rest: Bool[Tensor, "batch bodies"]) -> Tracked:
-    """The same where the tool does not reach: there a camera's mean is as good as anything, and masses do nothing."""
+def rested(
+    tracked: Tracked, view: View, camera: Float[Tensor, "batch 2"], at_rest: Bool[Tensor, "batch bodies"]
+) -> Tracked:
+    """The same where the tool does not reach: there a camera's mean is as good as anything, and masses do nothing.
+
+    camera: see `camera_of`.
+    """
     at_rest = at_rest & view.seen & (view.rested > 1)
-    variance = (of_coordinates(camera_of(frame).square())[:, None] + MEASURED) / view.rested.double()[..., None]
+    variance = (of_coordinates(camera.square())[:, None] + MEASURED) / view.rested.double()[..., None]
     return Tracked(
         torch.where(at_rest[..., None], view.state.poses.double(), tracked.poses),
         torch.where(at_rest[..., None], 0.0, tracked.motions),

@@ -81,7 +81,7 @@ def of_each(values: Tensor | float, scenes: int) -> np.ndarray:
 
 def as_array(values: Tensor) -> np.ndarray:
     """The same, floating-point numbers in float64."""
-    array = values.detach().numpy()
+    array = values.numpy(force=True)
     return np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else None)
 
 
