@@ -121,13 +121,13 @@ class MassChains(NamedTuple):
 
     def sweep(self, evidence: Evidence, changed: Bool[Tensor, " batch"], number: int) -> "MassChains":
         """Move the chains of some scenes once. number: of this move, which settles the random numbers."""
-        moved, _ = self._moved(evidence, changed.cpu().numpy(), 1, number)
+        moved, _ = self._moved(evidence, changed.cpu().numpy(), 1, number, counted=0)
         return self._replace(samples=moved[-1])
 
     def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassPosterior:
         """What the chains say, after some moves more."""
         batch, bodies = scenes.mass.shape
-        moves, histogram = self._moved(evidence, np.ones(batch, bool), ASKED, 0)
+        moves, histogram = self._moved(evidence, np.ones(batch, bool), ASKED, 0, counted=bodies)
         samples = np.concatenate(moves, 1)
         classes = self.priors.lowest.shape[-1]
         parts = histogram.reshape(batch, bodies, classes, BINS)
@@ -148,16 +148,16 @@ class MassChains(NamedTuple):
         return MassPosterior(*(torch.from_numpy(np.ascontiguousarray(values)) for values in arrays))
 
     def _moved(
-        self, evidence: Evidence, changed: Bool[np.ndarray, " batch"], moves: int, number: int
+        self, evidence: Evidence, changed: Bool[np.ndarray, " batch"], moves: int, number: int, counted: int
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Samples after each of some moves, and the mean of the histograms."""
+        """Samples after each of some moves, and the mean of the histograms of `counted` masses, of all or of none."""
         # Compiled code takes half a second to import.
         from pushgraph.network.compiled.mass_chains import sweep
 
         information, pull = (values.detach().cpu().numpy() for values in evidence)
         samples, (lowest, highest, density, free, _) = self.samples, self.priors
         batch, _, variables = samples.shape
-        total = np.zeros((batch, variables - 1, lowest.shape[-1] * BINS))
+        total = np.zeros((batch, counted, lowest.shape[-1] * BINS))
         histogram = np.zeros_like(total[0])
         after = []
         rng = np.random.default_rng(number)

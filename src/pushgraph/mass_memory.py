@@ -106,9 +106,10 @@ class Looked(NamedTuple):
         tracked, linearized, camera = self.tracked, self.linearized, self.camera
         off = self.seen.poses - tracked.poses - linearized.motion
         surprise = torch.cat((off[..., :2], wrap_angle(off[..., 2:]) * LEVER), -1)
-        noise = network.noise(self.step, linearized, tracked.variance[..., 0], camera)[..., [0, 0, 1]]
-        observed = (camera.square()[:, None, [0, 0, 1]] + MEASURED).expand_as(surprise)
-        expected = tracked.variance + TRACKED * usual_noise(self.step, linearized)[..., None]
+        usual = usual_noise(self.step, linearized)
+        noise = of_coordinates(network.noise(self.step, linearized, usual, tracked.variance[..., 0], camera))
+        observed = (of_coordinates(camera.square())[:, None] + MEASURED).expand_as(surprise)
+        expected = tracked.variance + TRACKED * usual[..., None]
         # Where one body is taken to be off, those that it touches are expected off as well.
         off_together = torch.maximum(tracked.variance, _blur(tracked, linearized.moves)[:, None, None])
         return Surprises(surprise, off_together + noise + observed, expected, observed)
@@ -148,7 +149,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     tracked = Tracked(poses, still, sensitivity, torch.zeros_like(poses))
     nothing = poses.new_zeros(batch)
     nowhere = still[:, 0]
-    control = of_frame(Control(nowhere, nowhere, nowhere, nothing > 0))
+    control = Control(nowhere, nowhere, nowhere, nothing > 0)
     empty = Evidence(poses.new_zeros(batch, variables, variables), poses.new_zeros(batch, variables))
     seen = Seen(poses, torch.full_like(nowhere, torch.nan))
     one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
@@ -172,12 +173,12 @@ def observe(
     view: of the frame. motion: about as it was foreseen. relations: joints as they are believed. tell: is called with
     the frames that were looked at.
     """
-    control = of_frame(frame.control)
+    control, camera = frame.control.double(), camera_of(frame)
     telling = control.down & (control.motion != 0).any(-1)
     seen = seen_in(view, wrench)
     memory = memory._replace(frames=memory.frames + 1)
     if not telling.any():
-        return memory._replace(tracked=rested(memory.tracked, view, frame, torch.ones_like(view.seen)))
+        return memory._replace(tracked=rested(memory.tracked, view, camera, torch.ones_like(view.seen)))
 
     batch = len(memory.log_mass)
     again = _next_kept(memory, telling)
@@ -199,7 +200,7 @@ def observe(
     number = torch.full((batch,), memory.frames, device=scene.device)
     looked = Looked(
         *(scene, torch.cat((number, old.number)), linearized, tracked, both, log_mass),
-        *(controls.motion[:, :2].norm(dim=-1), camera_of(frame)[scene]),
+        *(controls.motion[:, :2].norm(dim=-1), camera[scene]),
     )
     tell(looked)
     off = looked.surprises(network)
@@ -222,14 +223,9 @@ def observe(
     chains = memory.chains.sweep(total, telling, memory.frames)
     log_mass = torch.where(telling[:, None], chains.mean().to(telling.device), memory.log_mass)
     after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
-    after = rested(after, view, frame, ~telling[:, None])
+    if not telling.all():
+        after = rested(after, view, camera, ~telling[:, None])
     return MassMemory(memory.scenes, log_mass, after, kept, settled, total, chains, memory.frames)
-
-
-def of_frame(control: Control) -> Control:
-    """The same with one number a scene in every field, in float64."""
-    one = torch.ones_like(control.pose[:, 0], dtype=torch.float64)
-    return control.double()._replace(frames=one, last_frames=one, force_limit=one * torch.inf)
 
 
 def seen_in(view: View, wrench: Float[Tensor, "batch 3"]) -> Seen:
@@ -248,10 +244,15 @@ def track(tracked: Tracked, linearized: Linearized, off: Surprises) -> Tracked:
     return Tracked(tracked.poses + motions, motions, left, (1 - gain) * off.tracked)
 
 
-def rested(tracked: Tracked, view: View, frame: Frame, at_rest: Bool[Tensor, "batch bodies"]) -> Tracked:
-    """The same where the tool does not reach: there a camera's mean is as good as anything, and masses do nothing."""
+def rested(
+    tracked: Tracked, view: View, camera: Float[Tensor, "batch 2"], at_rest: Bool[Tensor, "batch bodies"]
+) -> Tracked:
+    """The same where the tool does not reach: there a camera's mean is as good as anything, and masses do nothing.
+
+    camera: see `camera_of`.
+    """
     at_rest = at_rest & view.seen & (view.rested > 1)
-    variance = (camera_of(frame).square()[:, None, [0, 0, 1]] + MEASURED) / view.rested.double()[..., None]
+    variance = (of_coordinates(camera.square())[:, None] + MEASURED) / view.rested.double()[..., None]
     return Tracked(
         torch.where(at_rest[..., None], view.state.poses.double(), tracked.poses),
         torch.where(at_rest[..., None], 0.0, tracked.motions),
@@ -276,6 +277,11 @@ def worth_of(evidence: Evidence) -> Float[Tensor, " batch"]:
 def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     """Standard deviations of positions, and of yaws at LEVER (m)."""
     return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
+
+
+def of_coordinates(values: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 3"]:
+    """Of x, y and yaw, from what there is of positions and of yaws."""
+    return torch.cat((values[..., :1], values), -1)
 
 
 def _blur(tracked: Tracked, moves: Bool[Tensor, "batch bodies"]) -> Float[Tensor, " batch"]:
@@ -309,8 +315,11 @@ def _keep(kept: Kept, settled: Evidence, newest: Kept, telling: Bool[Tensor, " b
         return old + torch.where(_like(telling, old), goes, 0.0)
 
     settled = map_tensors(settle, settled, kept.evidence, newest.evidence)
-    chosen = places[enters]
-    return map_tensors(lambda old, new: old.index_copy(0, chosen, new[enters]), kept, newest), settled
+    entering = enters.nonzero().squeeze(-1)
+    if not len(entering):
+        return kept, settled
+    chosen = places[entering]
+    return map_tensors(lambda old, new: old.index_copy(0, chosen, new[entering]), kept, newest), settled
 
 
 def _like(chosen: Bool[Tensor, " batch"], values: Tensor) -> Tensor:

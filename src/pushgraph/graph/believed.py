@@ -9,7 +9,7 @@ from torch import Tensor
 from pushgraph import pose
 from pushgraph.contact import RoundedBox, signed_gap
 from pushgraph.graph.joint_fit import MEASURED, JointFits, turning
-from pushgraph.graph.scene_batch import JOINT_CODES, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, Relations, pairs_of
 from pushgraph.graph.state import State
 from pushgraph.pose import as_complex
 from pushgraph.scene import SLIDE, SWING
@@ -39,8 +39,11 @@ class JointPlaces(NamedTuple):
 
 def joint_places(state: State, fits: JointFits) -> JointPlaces:
     """Those of a scene that says no more (see `scene.place_joint`), unless what was seen moves them."""
-    relations = state.relations
-    centres = as_complex(_centres(state).double())
+    return _joint_places(state.relations, _centres(state.relations), fits)
+
+
+def _joint_places(relations: Relations, between: Float[Tensor, "batch pairs 2"], fits: JointFits) -> JointPlaces:
+    centres = as_complex(between.double())
     default = centres / centres.abs().clamp(min=1e-9)
     hinge, slider = fits.hinge(), fits.slider(default)
 
@@ -60,7 +63,7 @@ def joint_places(state: State, fits: JointFits) -> JointPlaces:
         torch.view_as_real(axis),
         slider.across.clamp(min=MEASURED) / (slider.along.clamp(min=1e-9) * fits.frames.sqrt()),
         torch.stack((fits.lowest_turn, fits.highest_turn), -1),
-        reached.clamp(min=0) * reached.new_tensor([0.0, 1.0]) + reached.clamp(max=0) * reached.new_tensor([1.0, 0.0]),
+        torch.stack((reached[..., 0].clamp(max=0), reached[..., 1].clamp(min=0)), -1),
     )
 
 
@@ -73,42 +76,56 @@ def believe(state: State, kind: Int[Tensor, "batch pairs"], fits: JointFits) -> 
     relations = state.relations
     unknown = relations.remembered & ~relations.known
     kind = torch.where(unknown, kind, relations.kind)
-    places = joint_places(state, fits)
+    centres = _centres(relations)
+    places = _joint_places(relations, centres, fits)
     revolute, prismatic = kind == JOINT_CODES["revolute"], kind == JOINT_CODES["prismatic"]
 
-    centres = _centres(state)
+    turns = unknown & revolute
     along = (places.axis * centres).sum(-1) > ALONG_CENTRES * centres.norm(dim=-1)
-    lowest = torch.where(along, -_gap(state).double(), -SLIDE)
-    slide = torch.stack((torch.minimum(lowest, places.slid[..., 0]), places.slid[..., 1].clamp(min=SLIDE)), -1)
+    stops = prismatic & along
+    lowest = torch.where(stops, -_gap(state, centres).double(), -SLIDE) if stops.any() else -SLIDE
+    slide = torch.stack((places.slid[..., 0].clamp(max=lowest), places.slid[..., 1].clamp(min=SLIDE)), -1)
     swing = torch.stack((places.turned[..., 0].clamp(max=-SWING), places.turned[..., 1].clamp(min=SWING)), -1)
     limits = torch.where(prismatic[..., None], slide, swing)
     limits = torch.where((prismatic | revolute)[..., None], limits, 0.0)
 
-    def put(old: Tensor, new: Tensor, of: Bool[Tensor, "batch pairs"]) -> Tensor:
-        return torch.where((unknown & of)[..., None], new.to(old.dtype), old)
+    def put(old: Tensor, new: Tensor, where: Bool[Tensor, "batch pairs"]) -> Tensor:
+        return torch.where(where[..., None], new.to(old.dtype), old)
 
     return state._replace(
         relations=relations._replace(
             kind=kind,
             known=torch.ones_like(relations.known),
             remembered=kind > 0,
-            anchor_a=put(relations.anchor_a, places.anchor_a, revolute),
-            anchor_b=put(relations.anchor_b, places.anchor_b, revolute),
-            axis=put(relations.axis, places.axis, torch.ones_like(unknown)),
-            limits=put(relations.limits, limits, torch.ones_like(unknown)),
+            anchor_a=put(relations.anchor_a, places.anchor_a, turns),
+            anchor_b=put(relations.anchor_b, places.anchor_b, turns),
+            axis=put(relations.axis, places.axis, unknown),
+            limits=put(relations.limits, limits, unknown),
         )
     )
 
 
-def _centres(state: State) -> Float[Tensor, "batch pairs 2"]:
+def _centres(relations: Relations) -> Float[Tensor, "batch pairs 2"]:
     """From the centre of a to that of b when the memory began, in the frame of a (m)."""
-    relations = state.relations
     return relations.anchor_a - pose.rotate(relations.anchor_b, relations.yaw_offset)
 
 
-def _gap(state: State) -> Float[Tensor, "batch pairs"]:
-    """Between the surfaces of the two when the memory began (m)."""
-    relations, scenes = state.relations, state.scenes
+def _gap(state: State, centres: Float[Tensor, "batch pairs 2"]) -> Float[Tensor, "batch pairs"]:
+    """Between the surfaces of the two when the memory began (m), found once for the same relations.
+
+    centres: see `_centres`.
+    """
+    global _last_gap
+    key, boxes = (state.relations, state.scenes.boxes), state.scenes.boxes
+    last, gap = _last_gap  # at once: other threads may come in between
+    if all(one is other for one, other in zip(key, last, strict=True)):
+        return gap
     ends = pairs_of(state.poses.shape[1], state.poses.device)
-    first, second = (RoundedBox(scenes.boxes.half_extents[:, end], scenes.boxes.radius[:, end]) for end in ends)
-    return signed_gap(first, second, torch.cat((_centres(state), relations.yaw_offset[..., None]), -1)).clamp(min=0)
+    first, second = (RoundedBox(boxes.half_extents[:, end], boxes.radius[:, end]) for end in ends)
+    gap = signed_gap(first, second, torch.cat((centres, state.relations.yaw_offset[..., None]), -1)).clamp(min=0)
+    _last_gap = key, gap
+    return gap
+
+
+_last_gap: tuple[tuple[Relations | None, RoundedBox | None], Tensor] = (None, None), torch.empty(0)
+"""That of the last call: between most frames no memory begins."""

@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.tool_wrench import ToolWrench, wrench_on_tool
 
@@ -105,11 +104,9 @@ def linearize(
     varied = torch.arange(count, len(everyone), device=row.device)
     masses[varied, body.repeat(2)] += torch.cat((step, -step))
     offset = torch.cat((torch.zeros_like(rows.poses), offset, -offset))
-    scene = rows.scene[everyone]
-    scenes = map_tensors(lambda values: values[scene], scenes)
-    relations = map_tensors(lambda values: values[scene], state.relations)
-    of_rows = State(scenes, poses + offset, rows.motions[everyone], relations, state.still)
-    steps = map_tensors(lambda values: values[everyone], control)
+    scenes = scenes._replace(relations=state.relations).take(rows.scene[everyone])
+    of_rows = State(scenes, poses + offset, rows.motions[everyone], scenes.relations, state.still)
+    steps = control.take(everyone)
     around = with_masses(of_rows, masses)
     motions = dynamics(around, steps).motion
     ends = (motions + offset) * scale

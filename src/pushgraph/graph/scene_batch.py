@@ -89,7 +89,9 @@ class SceneBatch(NamedTuple):
     relations: Relations
 
     def take(self, index: Int[Tensor, " scenes"]) -> "SceneBatch":
-        """Some of the scenes, in the order of `index`."""
+        """Some of the scenes, in the order of `index`; one that stands alone is not copied."""
+        if len(self.present) == 1:
+            return map_tensors(lambda values: values.expand(len(index), *values.shape[1:]), self)
         return map_tensors(lambda values: values[index], self)
 
     def to(self, device: torch.device | str) -> "SceneBatch":
@@ -374,11 +376,12 @@ def _known_pairs(scene: Scene, index: dict[str, int], bodies: int) -> np.ndarray
 
 def map_tensors(function: Callable[..., Tensor], *batches: Batch) -> Batch:
     """Apply a function to the tensors of nested batches that stand at the same place; what is none stays as it is."""
-    if not isinstance(batches[0], tuple | Tensor):
-        return batches[0]
-    if isinstance(batches[0], Tensor):
+    first = batches[0]
+    if isinstance(first, Tensor):
         return cast(Batch, function(*batches))
-    return type(batches[0])(*(map_tensors(function, *values) for values in zip(*batches, strict=True)))
+    if not isinstance(first, tuple):
+        return first
+    return type(first)(*[map_tensors(function, *values) for values in zip(*batches, strict=True)])
 
 
 def double(batch: Batch) -> Batch:

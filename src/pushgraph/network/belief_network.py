@@ -35,8 +35,7 @@ class Rows(NamedTuple):
     def of(cls, chosen: Bool[Tensor, "batch pairs"], bodies: int) -> "Rows":
         """The chosen pairs."""
         scene, pair = chosen.nonzero(as_tuple=True)
-        first, second = pairs_of(bodies, chosen.device)
-        receiver = scene[:, None] * bodies + torch.stack((first, second), -1)[pair]
+        receiver = scene[:, None] * bodies + pairs_of(bodies, chosen.device).t()[pair]
         return cls(scene, pair, receiver, receiver.flip(-1))
 
 

@@ -74,12 +74,14 @@ class MassNoise(nn.Module):
         self,
         step: Float[Tensor, "*batch"],
         linearized: Linearized,
+        usual: Float[Tensor, "*batch bodies"],
         variance: Float[Tensor, "*batch bodies"],
         camera: Float[Tensor, "*batch 2"],
     ) -> Float[Tensor, "*batch bodies 2"]:
         """Variances of predicted positions and of turns at LEVER (m^2).
 
-        step: how far the tool moves (m). variance: of tracked positions (m^2). camera: standard deviations (m).
+        step: how far the tool moves (m). usual: see `usual_noise`. variance: of tracked positions (m^2). camera:
+        standard deviations (m).
         """
         motion = linearized.motion[..., :2].norm(dim=-1)
         greatest = motion.amax(-1, keepdim=True).expand_as(motion)
@@ -96,7 +98,7 @@ class MassNoise(nn.Module):
         logs = (lengths / UNIT + 1e-2).log() / 2
         features = torch.cat((logs[..., :6], count / 4 - 1, logs[..., 6:]), -1)
         change = self.layers(features.float()).clamp(-WIDEST, WIDEST).to(motion.dtype)
-        return usual_noise(step, linearized)[..., None] * change.exp()
+        return usual[..., None] * change.exp()
 
     def evidence(
         self,

@@ -3,12 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from pushgraph.graph.broad_phase import SLIDER_GAP, node_shapes
-from pushgraph.graph.scene_batch import Relations, pairs_of
+from pushgraph.graph.broad_phase import node_shapes
 from pushgraph.graph.state import Control, State
+from pushgraph.network.compiled.links import links_of
 
 
 class Scenes(NamedTuple):
@@ -59,10 +58,6 @@ class Scenes(NamedTuple):
 def arrays_of(state: State, control: Control) -> Scenes:
     """The arrays of a state and of what the tool does next."""
     scenes, relations = state.scenes, state.relations
-    of_steps = (
-        torch.as_tensor(values, dtype=torch.float64).expand(len(state.poses))
-        for values in (control.frames, control.last_frames, control.force_limit)
-    )
     of_scenes = (scenes.present, scenes.immovable, scenes.group, scenes.mass, scenes.centre_of_mass, scenes.gyration)
     of_tables = (scenes.table_friction, scenes.side_friction)
     of_tools = (scenes.part_present, scenes.pose_tool_from_part, scenes.tool_radius)
@@ -70,46 +65,24 @@ def arrays_of(state: State, control: Control) -> Scenes:
     circle = shapes.half_extents.norm(dim=-1) + shapes.radius
     of_joints = (relations.kind, relations.anchor_a, relations.anchor_b, relations.yaw_offset, relations.axis)
     arrays = [as_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)]
-    arrays += links_of(relations, state.poses.shape[1])
-    arrays += [as_array(values) for values in (*of_joints, relations.limits)]
-    arrays += [as_array(values) for values in (control.pose, control.motion, control.down, *of_steps)]
+    joints = [as_array(values) for values in (*of_joints, relations.limits)]
+    arrays += links_of(joints[0], as_array(relations.known), as_array(relations.remembered), state.poses.shape[1])
+    arrays += joints
+    arrays += [as_array(values) for values in (control.pose, control.motion, control.down)]
+    of_steps = (control.frames, control.last_frames, control.force_limit)
+    arrays += [of_each(values, len(state.poses)) for values in of_steps]
     return Scenes(as_array(state.poses), as_array(state.motions), float(state.still), *arrays)
 
 
-def links_of(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the links of each body of each scene begin, their other ends, and up to which gap they hold (m)."""
-    global _last_links
-    key = relations.kind, relations.known, relations.remembered
-    last, links = _last_links  # at once: other threads may come in between
-    if all(one is other for one, other in zip(key, last, strict=True)):
-        return links
-    may_slide = relations.remembered & ~relations.known
-    scene, pair = ((relations.kind > 0) | may_slide).nonzero(as_tuple=True)
-    a, b = pairs_of(bodies)[:, pair]
-    keep = torch.where(relations.kind[scene, pair] > 0, torch.inf, SLIDER_GAP).double().repeat(2)
-    first, second = torch.cat((a, b)), torch.cat((b, a))
-    row, order = (scene.repeat(2) * bodies + first).sort(stable=True)
-    counts = row.bincount(minlength=len(relations.kind) * bodies)
-    begin = torch.cat((counts.new_zeros(1), counts.cumsum(0)))
-    links = as_array(begin), as_array(second[order]), as_array(keep[order])
-    _last_links = key, links
-    return links
-
-
-_NOTHING = np.zeros(0, np.int64)
-_last_links: tuple[tuple[Tensor | None, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] = (
-    (None, None, None),
-    (_NOTHING,) * 3,
-)
-"""Those of the last call: what is joined rarely changes from step to step."""
+def of_each(values: Tensor | float, scenes: int) -> np.ndarray:
+    """Numbers of scenes, or one of all of them, as an array in float64."""
+    return as_array(values.double()) if isinstance(values, Tensor) else np.full(scenes, values, np.float64)
 
 
 def as_array(values: Tensor) -> np.ndarray:
     """The same, floating-point numbers in float64."""
-    values = values.detach()
-    if values.is_floating_point():
-        values = values.double()
-    return np.ascontiguousarray(values.numpy())
+    array = values.numpy(force=True)
+    return np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else None)
 
 
 BODY = np.dtype(

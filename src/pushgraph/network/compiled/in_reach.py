@@ -12,12 +12,11 @@ from pushgraph.graph import broad_phase
 from pushgraph.graph.broad_phase import reachable
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.graph.state import STILL, Control, State
-from pushgraph.network.compiled.arrays import as_array
+from pushgraph.network.compiled.arrays import as_array, of_each
 from pushgraph.network.compiled.jit import compiled
-from pushgraph.network.compiled.reach import pair_of
+from pushgraph.network.compiled.links import keep_of, pair_of
 
 LEVER, MARGIN, LENGTHS_CLOSED = broad_phase.LEVER, broad_phase.MARGIN, broad_phase.LENGTHS_CLOSED
-SLIDER_GAP = broad_phase.SLIDER_GAP
 FIXED = JOINT_CODES["fixed"]
 
 
@@ -51,17 +50,16 @@ def bodies_in_reach(state: State, control: Control) -> Bool[Tensor, "batch bodie
     if state.poses.device.type != "cpu":
         return reachable(state, control).may_move
     scenes, relations = state.scenes, state.relations
-    frames = torch.as_tensor(control.frames, dtype=torch.float64).expand(len(state.poses))
     tensors = (
         *(scenes.present, scenes.immovable, scenes.group, *scenes.boxes),
         *(relations.kind, relations.known, relations.remembered),
         *(scenes.part_present, *scenes.parts, scenes.pose_tool_from_part, scenes.tool_radius),
-        *(control.pose, control.motion, control.down, frames),
+        *(control.pose, control.motion, control.down),
     )
     moving = as_array(state.poses), as_array(state.motions), float(state.still)
-    arrays = Arrays(*moving, *(as_array(values) for values in tensors))
+    arrays = [*map(as_array, tensors), of_each(control.frames, len(state.poses))]
     reached = np.zeros(scenes.present.shape, bool)
-    _reach_all(arrays, reached)
+    _reach_all(Arrays(*moving, *arrays), reached)
     return torch.from_numpy(reached)
 
 
@@ -114,7 +112,8 @@ def _reach(arrays, scene, reached):
         for there in range(bodies):
             if present[there] and not reached[there]:
                 apart = math.hypot(places[here, 0] - places[there, 0], places[here, 1] - places[there, 1])
-                keep = _keep(arrays, scene, pair_of(here, there, bodies))
+                pair = pair_of(here, there, bodies)
+                keep = keep_of(arrays.kind[scene, pair], arrays.known[scene, pair], arrays.remembered[scene, pair])
                 if apart - circle[here] - circle[there] < max(keep, widest):
                     last = _add_piece(arrays, scene, there, reached, queue, last)
 
@@ -154,13 +153,3 @@ def _circles(half_extents, radius):
     for k in range(len(radius)):
         circle[k] = math.hypot(half_extents[k, 0], half_extents[k, 1]) + radius[k]
     return circle
-
-
-@compiled
-def _keep(arrays, scene, pair):
-    """Gap (m) up to which a pair belongs together whatever the step."""
-    if arrays.kind[scene, pair] > 0:
-        return math.inf
-    if arrays.remembered[scene, pair] and not arrays.known[scene, pair]:
-        return SLIDER_GAP
-    return -math.inf

@@ -29,12 +29,13 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     chains [chains variables]. information, pull: of the Gaussian, [variables variables] and [variables]. lowest,
     highest: bounds of the classes of each variable, logarithms, [variables classes], in rising order; density:
     logarithm of each class's share over its width. free: variables that are not known. uniforms [chains numbers], at
-    least four for each variable. histogram [masses bins]: equal parts of the classes, one class after the other.
+    least four for each variable. histogram [masses bins]: equal parts of the classes, one class after the other; it
+    has no rows where nobody asks for it.
     """
     count, variables = chains.shape
-    masses = histogram.shape[0]
+    masses = variables - 1
     histogram[:] = 0.0
-    unused = np.zeros_like(histogram)
+    unused = histogram[:0]
     root = tied(information, masses, free)
     sizes = np.zeros(variables, np.int64)
     for i in range(masses):
@@ -62,8 +63,8 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
             members = everyone[:size]
             _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, histogram, room)
             used += 2
-        friction = variables - 1
-        if masses < variables and free[friction] and information[friction, friction] > 0.0:
+        friction = masses
+        if free[friction] and information[friction, friction] > 0.0:
             size = 0
             for i in range(masses):
                 if free[i] and information[i, friction] != 0.0:

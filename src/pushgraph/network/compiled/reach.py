@@ -12,17 +12,10 @@ from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.network.compiled.arrays import Graph, Scenes
 from pushgraph.network.compiled.contact import contact_of
 from pushgraph.network.compiled.jit import compiled
+from pushgraph.network.compiled.links import pair_of
 
 LEVER, PASSED = broad_phase.LEVER, contact_graph.PASSED
 FIXED = JOINT_CODES["fixed"]
-
-
-@compiled
-def pair_of(a: int, b: int, bodies: int) -> int:
-    """Where the pair of two bodies stands in `pairs_of`."""
-    if a > b:
-        a, b = b, a
-    return a * bodies - a * (a + 1) // 2 + b - a - 1
 
 
 @compiled
