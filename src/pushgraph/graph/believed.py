@@ -111,21 +111,8 @@ def _centres(relations: Relations) -> Float[Tensor, "batch pairs 2"]:
 
 
 def _gap(state: State, centres: Float[Tensor, "batch pairs 2"]) -> Float[Tensor, "batch pairs"]:
-    """Between the surfaces of the two when the memory began (m), found once for the same relations.
-
-    centres: see `_centres`.
-    """
-    global _last_gap
-    key, boxes = (state.relations, state.scenes.boxes), state.scenes.boxes
-    last, gap = _last_gap  # at once: other threads may come in between
-    if all(one is other for one, other in zip(key, last, strict=True)):
-        return gap
+    """Between the surfaces of the two when the memory began (m). centres: see `_centres`."""
+    boxes = state.scenes.boxes
     ends = pairs_of(state.poses.shape[1], state.poses.device)
     first, second = (RoundedBox(boxes.half_extents[:, end], boxes.radius[:, end]) for end in ends)
-    gap = signed_gap(first, second, torch.cat((centres, state.relations.yaw_offset[..., None]), -1)).clamp(min=0)
-    _last_gap = key, gap
-    return gap
-
-
-_last_gap: tuple[tuple[Relations | None, RoundedBox | None], Tensor] = (None, None), torch.empty(0)
-"""That of the last call: between most frames no memory begins."""
+    return signed_gap(first, second, torch.cat((centres, state.relations.yaw_offset[..., None]), -1)).clamp(min=0)

@@ -11,7 +11,6 @@ in the frame of a. Then
 The revolute fit is linear least squares in u and v; all three need no more than the sums of `JointFits`.
 """
 
-import functools
 from typing import NamedTuple
 
 import torch
@@ -153,7 +152,16 @@ class JointFits(NamedTuple):
 
     def hinge(self) -> HingeFit:
         """The revolute joint that fits best, by least squares with ANCHOR_SPREAD as the prior."""
-        return _hinge_of(self)
+        count, length = self.frames + RIDGE, self.turn.abs()
+        determinant = count.square() - length.square()
+        anchor_a = (count * self.drift - self.turn * self.turned_back) / determinant
+        anchor_b = (self.turn.conj() * self.drift - count * self.turned_back) / determinant
+        explained = (self.drift.conj() * anchor_a - self.turned_back.conj() * anchor_b).real
+        prior = RIDGE * (anchor_a.abs().square() + anchor_b.abs().square())
+        residual = ((self.square - explained - prior).clamp(min=0) / self.frames).sqrt()
+        # Half of it in either direction, and half since the mean of both anchors is the anchor.
+        information = 4 * (count - length)
+        return HingeFit(anchor_a, anchor_b, residual, residual.clamp(min=MEASURED) / information.sqrt())
 
     def slider(self, line: Complex[Tensor, "batch pairs"]) -> SliderFit:
         """The line that fits the drift best. line: unit vector that it is taken to have until more than AXIS_PULL is
@@ -170,21 +178,6 @@ class JointFits(NamedTuple):
     def turn_range(self) -> Float[Tensor, "batch pairs"]:
         """How far the pair has turned to and fro, at LEVER (m)."""
         return (self.highest_turn - self.lowest_turn) * LEVER
-
-
-@functools.lru_cache(maxsize=1)
-def _hinge_of(fits: JointFits) -> HingeFit:
-    """See `JointFits.hinge`; asked of the same fits after a frame and before the next one."""
-    count, length = fits.frames + RIDGE, fits.turn.abs()
-    determinant = count.square() - length.square()
-    anchor_a = (count * fits.drift - fits.turn * fits.turned_back) / determinant
-    anchor_b = (fits.turn.conj() * fits.drift - count * fits.turned_back) / determinant
-    explained = (fits.drift.conj() * anchor_a - fits.turned_back.conj() * anchor_b).real
-    prior = RIDGE * (anchor_a.abs().square() + anchor_b.abs().square())
-    residual = ((fits.square - explained - prior).clamp(min=0) / fits.frames).sqrt()
-    # Half of it in either direction, and half since the mean of both anchors is the anchor.
-    information = 4 * (count - length)
-    return HingeFit(anchor_a, anchor_b, residual, residual.clamp(min=MEASURED) / information.sqrt())
 
 
 def _axis(scatter: Complex[Tensor, "batch pairs"]) -> Complex[Tensor, "batch pairs"]:
