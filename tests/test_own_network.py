@@ -80,6 +80,7 @@ class Lacking(nn.Module):
 
 class Unsavable(Lacking):
     FRAMES_PER_STEP = (1,)
+    SMALL = 0.01
     CHAOS = 1.0
 
     @staticmethod
@@ -94,7 +95,7 @@ class Unsavable(Lacking):
 @pytest.mark.parametrize(
     ("network", "says"),
     [
-        (Lacking, r"'own': Lacking lacks CHAOS, FRAMES_PER_STEP, error_unit; see pushgraph.network.contract.Physics"),
+        (Lacking, r"'own': Lacking lacks CHAOS, FRAMES_PER_STEP, SMALL, error_unit; see pushgraph.network"),
         (Unsavable, "'own': Unsavable cannot be saved and loaded again"),
         (type("Other", (Lacking,), {"__init__": lambda self: None}), r"'own': cannot be built from {'hidden': 8"),
     ],

@@ -62,8 +62,8 @@ def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path
     assert record["training"]["batch"] == 16
     assert curve[0]["step"] == 0
     if model == "propnet":
+        # It begins at standing still; the losses of two steps are of other windows and cannot be compared.
         assert min(row["mean_error_cm"] for row in curve) < curve[0]["mean_error_cm"]
-        assert curve[-1]["loss"] < curve[0]["loss"]
     else:
         # A correction is kept only if it is clearly better than none.
         best = min(row["bounded_error_cm"] for row in curve) / curve[0]["bounded_error_cm"]

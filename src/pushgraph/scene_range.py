@@ -31,6 +31,8 @@ UNITS = {
 """The quantities, and their units."""
 SIDES = ("length", "width", "thickness")
 MOST_REMARKS = 5
+ALIKE = 5e-3
+"""So small a share beyond a range is inside: it could not be told apart in what is said."""
 
 
 class Quantity(NamedTuple):
@@ -111,7 +113,7 @@ def outside(scene: Scene | LeverScene, ranges: Mapping[str, Sequence[float]]) ->
         if name not in ranges:
             continue
         low, high = ranges[name]
-        if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
+        if not low * (1 - ALIKE) <= value <= high * (1 + ALIKE):
             unit = UNITS[name]
             as_said = f"{name} of " if of in ("tool",) else ""
             said.append(f"{as_said}{of}: {value:.3g}{unit} is outside of {low:.3g} to {high:.3g}{unit}")

@@ -59,11 +59,13 @@ class Schema(Protocol):
 class PhysicsNetwork(Dynamics, Schema, Protocol):
     """What `pushgraph train physics` trains: dynamics, and what their training has to know.
 
-    FRAMES_PER_STEP: how many frames steps cover in training, one after the other. CHAOS: errors of about this many
-    units and more teach less and less: there the prediction has gone another way.
+    FRAMES_PER_STEP: how many frames steps cover in training, one after the other. SMALL: errors below this many
+    units count quadratically. CHAOS: errors of about this many units and more teach less and less: there the
+    prediction has gone another way.
     """
 
     FRAMES_PER_STEP: tuple[int, ...]
+    SMALL: float
     CHAOS: float
 
     @staticmethod

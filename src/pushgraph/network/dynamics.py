@@ -45,6 +45,7 @@ class ContactDynamics(nn.Module):
 
     LONGEST_STEP = LONGEST
     FRAMES_PER_STEP: tuple[int, ...] = (1, 2, 1, 4)
+    SMALL = 0.01
     CHAOS = 1.0
 
     def __init__(self, hidden: int = 48, steps: int = 2) -> None:
@@ -116,6 +117,8 @@ class PropnetDynamics(nn.Module):
 
     LONGEST_STEP = math.inf
     FRAMES_PER_STEP: tuple[int, ...] = (1,)
+    SMALL = 0.3
+    """Most bodies rest: were all but the smallest errors counted by their size, it would learn that all do."""
     CHAOS = 10.0
 
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:

@@ -31,6 +31,7 @@ class ImageDynamics(nn.Module):
 
     LONGEST_STEP = math.inf
     FRAMES_PER_STEP: tuple[int, ...] = (1,)
+    SMALL = 0.01
     CHAOS = 10.0
 
     def __init__(self, hidden: int = 128, steps: int = 3) -> None:

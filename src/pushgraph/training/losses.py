@@ -10,8 +10,6 @@ from pushgraph.graph.broad_phase import LEVER
 from pushgraph.network.contract import PhysicsNetwork
 from pushgraph.training.examples import Example
 
-SMOOTH = 0.01
-"""Errors below this many units count quadratically."""
 TINY = 1e-9
 """Keeps from dividing by zero where nothing counts, and the loss is zero."""
 
@@ -38,7 +36,7 @@ def unrolled_loss(
         poses = poses + dynamics(state, control).motion
         error = (poses - example.poses[:, frame]) * poses.new_tensor([1.0, 1.0, LEVER])
         error = error / unit[:, None, None]
-        distance = (error.square().sum(-1) + SMOOTH**2).sqrt() - SMOOTH
+        distance = (error.square().sum(-1) + dynamics.SMALL**2).sqrt() - dynamics.SMALL
         total = total + (distance / (1 + distance / dynamics.CHAOS) * weight).sum() / total_weight
         state = state.observe(poses.detach(), control.frames)
     return total / len(example.controls)
