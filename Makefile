@@ -86,8 +86,9 @@ data: install
 weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --run-folder $(RUNS)/contact --out $(WEIGHTS)/contact.safetensors
 
+# The shipped ones, and paper_recipe's, are still those of the former simulator: docs/experiments.md.
 weights-propnet: data
-	$(PHYSICS) $(PLANAR) --model propnet --samples 2000000 --frames 10 --batch 64 --learning-rate 1e-3 \
+	$(PHYSICS) $(PARTS) --model propnet --samples 2000000 --frames 10 --batch 16 --learning-rate 1e-3 \
 	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
 
 # The shipped ones had these samples in two stages: docs/experiments.md.
@@ -105,7 +106,7 @@ weights-belief: data
 	  --start-from $(CACHE)/belief-3.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
-	$(BELIEF) $(PLANAR) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
+	$(BELIEF) $(PARTS) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \
 	  --precision bfloat16 --run-folder $(RUNS)/paper_recipe --out $(BASELINES)/paper_recipe.safetensors
 
 weights-spread: data

@@ -97,6 +97,12 @@ class JointsHeld(ContactMessages):
         return super()._motion(state, graph, solve(problem))
 
 
+class ExactVelocities(PropnetDynamics):
+    """The paper's network, trained on velocities without noise."""
+
+    NOISE = 0.0
+
+
 Dynamics = type[ContactDynamics | PropnetDynamics]
 
 
@@ -186,7 +192,8 @@ VARIANTS = {
     "messages": Variant(ContactMessages, {}),
     "messages-other-seed": Variant(ContactMessages, {"seed": 1}),
     "messages-between-centres": Variant(PropnetDynamics, {}),
-    "messages-between-centres-no-velocity": Variant(seeing(PropnetDynamics, no_velocity), {}),
+    "messages-between-centres-exact-velocity": Variant(ExactVelocities, {}),
+    "messages-between-centres-no-velocity": Variant(seeing(ExactVelocities, no_velocity), {}),
     "messages-joints-found-anew": Variant(seeing(ContactMessages, found_anew), {}),
     "messages-joints-held": Variant(JointsHeld, {}),
     "messages-fixed-as-sliders": Variant(seeing(ContactMessages, fixed_as_sliders), {}),

@@ -120,6 +120,9 @@ class PropnetDynamics(nn.Module):
     SMALL = 0.3
     """Most bodies rest: were all but the smallest errors counted by their size, it would learn that all do."""
     CHAOS = 10.0
+    NOISE = 0.3
+    """Of the velocities that it is given in training (units): of exact ones it learns little but to copy them, and its
+    rollouts, which begin at rest, stand still."""
 
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:
         super().__init__()
@@ -137,6 +140,9 @@ class PropnetDynamics(nn.Module):
 
     def forward(self, state: State, control: Control) -> Advance:
         """See Dynamics; it knows no force limits."""
+        if self.training:
+            unit = state.motions.new_tensor([DISPLACEMENT, DISPLACEMENT, TURN])
+            state = state._replace(motions=state.motions + self.NOISE * unit * torch.randn_like(state.motions))
         graph = propnet_graph(state, control)
         return Advance(self._motion(state, graph, self.network(graph).motion), torch.ones_like(state.poses[:, 0, 0]))
 
