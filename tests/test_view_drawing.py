@@ -16,6 +16,7 @@ from scenes import body, workshop
 pytest.importorskip("viser", reason="the extra [viewer] is not installed")
 
 import msgspec
+import viser
 import zstandard
 
 from pushgraph import pose, pose_3d
@@ -123,6 +124,14 @@ def test_one_call_draws_all_bodies_of_a_kind(server, drawing: SceneDrawing) -> N
     for grip in drawing.grips:
         places = [scene.poses_world_from_body[scene.names.index(name), :2] for name in grip.names]
         np.testing.assert_allclose(grip.handle.batched_positions[:, :2], places, atol=1e-6)
+
+
+def test_a_body_may_be_called_as_parts_of_the_drawing_are(server, drawing: SceneDrawing) -> None:
+    names = ("solids_0", "rims_0", "fronts")
+    drawing.show_scene(Scene(bodies=tuple(body(name, 0.3 * k, 0.0) for k, name in enumerate(names))))
+    assert [grip.names for grip in drawing.grips] == [names]
+    for name in names:
+        assert isinstance(server.scene.get_handle_by_name(f"/view/bodies/{name}"), viser.FrameHandle)
 
 
 def test_strips_lie_along_the_legs_of_a_trail() -> None:
@@ -244,7 +253,7 @@ def test_a_frame_moves_what_moved_and_sends_nothing_else(server, drawing: SceneD
     assert {message["name"] for _, message in recording._messages[before:]} == {
         "/view/bodies/plate",
         "/view/tool/frame",
-        *(f"/view/bodies/{part}" for part in ("solids_0", "rims_0", "fronts")),
+        *(f"/view/bodies/{part}" for part in ("-solids_0", "-rims_0", "-fronts")),
     }
     recording.serialize()
     (grip,) = [grip for grip in drawing.grips if "plate" in grip.names]

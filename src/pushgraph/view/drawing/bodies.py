@@ -160,7 +160,8 @@ class Bodies:
         places: Float[np.ndarray, "bodies 3"] | None = None,
         **look: Any,
     ) -> Instances:
-        instances = Instances(self._layer.api, f"{self._layer.node}/{node}", solid, sizes, colours, **look)
+        # The hyphen keeps them apart from the frames of bodies, whose names do not begin with one.
+        instances = Instances(self._layer.api, f"{self._layer.node}/-{node}", solid, sizes, colours, **look)
         self._parts.append(_Part(instances, body, np.zeros((len(body), 3)) if places is None else places))
         return instances
 
