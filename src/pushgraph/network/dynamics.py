@@ -127,6 +127,9 @@ class PropnetDynamics(nn.Module):
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:
         super().__init__()
         self.network = PropagationNetwork(hidden, steps)
+        # Training that began with large random motions would first have to unlearn them.
+        for values in self.network.head[-1].parameters():
+            nn.init.zeros_(values)
 
     @staticmethod
     def schema() -> dict[str, Any]:

@@ -63,11 +63,7 @@ class PropagationNetwork(nn.Module):
         self.relation_from_relation = nn.Linear(hidden, hidden)
         self.object_propagator = nn.Linear(2 * hidden, hidden)
         self.dropout = nn.Dropout(dropout)
-        # Training that began with large random motions would first have to unlearn them.
-        motion = nn.Linear(hidden, freedoms)
-        nn.init.zeros_(motion.weight)
-        nn.init.zeros_(motion.bias)
-        self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), motion)
+        self.head = nn.Sequential(nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, freedoms))
 
     def forward(self, graph: Graph) -> Propagated:
         """Propagate through a graph, in the precision of the weights."""

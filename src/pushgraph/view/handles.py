@@ -150,7 +150,7 @@ class Handles:
             return [*np.round(pose[:2] + point - first, 4).tolist(), float(pose[2])]
 
         def drag(event: Any, turning: bool) -> None:
-            name = grip.names[event.instance_index or 0]
+            name = grip.names[event.instance_index]
             there = place(event, name, turning)
             if event.phase == "end":
                 grabbed.pop(event.client_id, None)

@@ -6,6 +6,7 @@ import numpy as np
 from torch import Tensor
 
 from pushgraph.graph.broad_phase import node_shapes
+from pushgraph.graph.scene_batch import Relations
 from pushgraph.graph.state import Control, State
 from pushgraph.network.compiled.links import links_of
 
@@ -65,13 +66,31 @@ def arrays_of(state: State, control: Control) -> Scenes:
     circle = shapes.half_extents.norm(dim=-1) + shapes.radius
     of_joints = (relations.kind, relations.anchor_a, relations.anchor_b, relations.yaw_offset, relations.axis)
     arrays = [as_array(values) for values in (*of_scenes, *shapes, circle, *scenes.feet, *of_tables, *of_tools)]
-    joints = [as_array(values) for values in (*of_joints, relations.limits)]
-    arrays += links_of(joints[0], as_array(relations.known), as_array(relations.remembered), state.poses.shape[1])
-    arrays += joints
+    arrays += _links(relations, state.poses.shape[1])
+    arrays += [as_array(values) for values in (*of_joints, relations.limits)]
     arrays += [as_array(values) for values in (control.pose, control.motion, control.down)]
     of_steps = (control.frames, control.last_frames, control.force_limit)
     arrays += [of_each(values, len(state.poses)) for values in of_steps]
     return Scenes(as_array(state.poses), as_array(state.motions), float(state.still), *arrays)
+
+
+def _links(relations: Relations, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """See `links_of`. Steps of a rollout share their relations, and looking at all pairs of 200 bodies in each would
+    take longer than solving it: so what was found last is kept."""
+    global _last_links
+    key = relations.kind, relations.known, relations.remembered
+    last, links = _last_links  # at once: other threads may come in between
+    if not all(one is other for one, other in zip(key, last, strict=True)):
+        links = links_of(*map(as_array, key), bodies)
+        _last_links = key, links
+    return links
+
+
+_NOTHING = np.zeros(0)
+_last_links: tuple[tuple[Tensor | None, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] = (
+    (None, None, None),
+    (_NOTHING, _NOTHING, _NOTHING),
+)
 
 
 def of_each(values: Tensor | float, scenes: int) -> np.ndarray:

@@ -14,6 +14,8 @@ BODIES: tuple[Colour, ...] = (
 )
 WALL: Colour = (120, 120, 120)
 TABLE: Colour = (196, 192, 184)
+LIT_TABLE: Colour = (219, 217, 212)
+"""As the table looks in the light of the lamps."""
 GRID: Colour = (160, 156, 148)
 EDGE: Colour = (40, 40, 40)
 TOOL: Colour = (60, 60, 66)

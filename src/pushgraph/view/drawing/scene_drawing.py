@@ -64,6 +64,7 @@ class SceneDrawing:
         self._board = ProbabilityBoard(api, f"{root}/probabilities")
         self._drawn_goal = DrawnGoal(api, f"{root}/goal")
         self._arm = DrawnArm(api, f"{root}/arm")
+        self._shadows: bool | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -285,8 +286,10 @@ class SceneDrawing:
         view = self._seen_from(scene)
         self.scene = scene
         shadows = len(scene.bodies) <= MOST_SHADOWS
-        # Even where nothing casts one, they are computed for every pixel.
-        self._server.scene.configure_default_lights(cast_shadow=shadows)
+        if shadows != self._shadows:
+            # Even where nothing casts one, they are computed for every pixel.
+            self._server.scene.configure_default_lights(cast_shadow=shadows)
+            self._shadows = shadows
         self._table.show(scene, shadows)
         self._bodies.show(scene, view, shadows)
         self._tool.show(scene)

@@ -8,7 +8,7 @@ from jaxtyping import Float, UInt8
 
 from pushgraph.lever_scene import LeverScene, corners
 from pushgraph.scene import Scene, Table
-from pushgraph.view.drawing.colours import GRID, TABLE
+from pushgraph.view.drawing.colours import GRID, LIT_TABLE, TABLE
 from pushgraph.view.drawing.layer import Layer, add_lines, add_solid
 from pushgraph.view.drawing.names import View
 from pushgraph.view.drawing.placing import in_space, start_of
@@ -18,8 +18,6 @@ THICKNESS = 0.02
 LINES = 0.1
 PIXEL, MOST_PIXELS = 0.002, 2048
 """Size of a pixel where the table is an image (m), larger on larger tables."""
-LIT_TABLE = (219, 217, 212)
-"""As the table looks in the light of the lamps."""
 ELEVATION, LOW = np.radians(52), np.radians(28)
 NEARER = 0.92
 """What is seen from above is not as high as it is wide."""
