@@ -13,8 +13,10 @@ from pushgraph.graph.broad_phase import reachable
 from pushgraph.graph.scene_batch import map_tensors
 from pushgraph.graph.state import Control, State
 from pushgraph.graph.steps import plan_steps
+from pushgraph.network.compiled import arrays
 from pushgraph.network.compiled.contact import contact_of
 from pushgraph.network.compiled.in_reach import bodies_in_reach
+from pushgraph.network.compiled.links import links_of
 from pushgraph.network.compiled.step import solve_step
 from pushgraph.network.dynamics import ContactDynamics, Foresight
 from pushgraph.scene import Scene
@@ -167,3 +169,17 @@ def test_what_wants_a_gradient_is_left_to_tensors(scenes) -> None:
     dynamics = ContactDynamics().eval().requires_grad_(False)
     assert dynamics(state, controls[5]._replace(motion=motion)).motion.requires_grad
     assert not dynamics(state, controls[5]).motion.requires_grad
+
+
+def test_links_are_found_once_in_a_rollout(scenes, monkeypatch) -> None:
+    """Looking at all pairs of many bodies in every step would take longer than the steps."""
+    found = []
+    monkeypatch.setattr(arrays, "links_of", lambda *given: found.append(1) or links_of(*given))
+    state, controls = steps_of(scenes)
+    for control in controls[:4]:
+        solve_step(state, control)
+        state = state.observe(state.poses, control.frames)
+    assert found == [1]
+    joined = state.relations._replace(kind=torch.ones_like(state.relations.kind))
+    solve_step(state._replace(relations=joined), controls[0])
+    assert found == [1, 1]

@@ -26,22 +26,25 @@ from pushgraph.body import Joint
 from pushgraph.forces import ContactForces
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.mass_history import MassHistory
-from pushgraph.scene import Scene
+from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid, Cylinder, Polygon
 from pushgraph.spread import Spread
 from pushgraph.tool import Push
 from pushgraph.track import Track
 from pushgraph.view.drawing import SceneDrawing
 from pushgraph.view.drawing.beliefs import rods
-from pushgraph.view.drawing.colours import BODIES, JOINTS
+from pushgraph.view.drawing.colours import BODIES, GRID, JOINTS
 from pushgraph.view.drawing.contact_arrows import opposite_arrows
 from pushgraph.view.drawing.forces import LONGEST
 from pushgraph.view.drawing.forms import RIM, form_of
+from pushgraph.view.drawing.instances import _linear
 from pushgraph.view.drawing.joints import ARM, drawn_joint
 from pushgraph.view.drawing.names import GAP, PADDING, WIDTH, View, heights_of
 from pushgraph.view.drawing.placing import LIFT, frame_at
+from pushgraph.view.drawing.scene_drawing import MOST_SHADOWS
 from pushgraph.view.drawing.solids import Solid, circle, outline_of, prism
 from pushgraph.view.drawing.spread import PROBABILITIES, regions
+from pushgraph.view.drawing.table import _from_above
 from pushgraph.view.drawing.trails import BREADTH, strips, thinned
 from pushgraph.view.known_forces import KnownForces
 from pushgraph.view.legend import facts, legend
@@ -132,6 +135,26 @@ def test_a_body_may_be_called_as_parts_of_the_drawing_are(server, drawing: Scene
     assert [grip.names for grip in drawing.grips] == [names]
     for name in names:
         assert isinstance(server.scene.get_handle_by_name(f"/view/bodies/{name}"), viser.FrameHandle)
+
+
+def test_the_table_is_an_image_where_bodies_are_too_many_for_shadows(server, drawing: SceneDrawing) -> None:
+    drawing.show_scene(workshop())
+    assert server.scene.get_handle_by_name("/view/table/top/image") is None
+    places = [(0.15 * (k % 5) - 0.3, 0.15 * (k // 5) - 0.3) for k in range(MOST_SHADOWS + 1)]
+    drawing.show_scene(Scene(bodies=tuple(body(f"b{k}", *place) for k, place in enumerate(places))))
+    assert server.scene.get_handle_by_name("/view/table/top/solid") is None
+    assert server.scene.get_handle_by_name("/view/table/top/image") is not None
+    assert not any(grip.handle.cast_shadow for grip in drawing.grips)
+    image = _from_above(Table(size=(0.6, 0.4)))
+    assert image.shape == (200, 300, 3)
+    lines = (image == GRID).all(-1)
+    assert lines.all(0).sum() == 7  # across x, every 10 cm from rim to rim
+    assert lines.all(1).sum() == 5
+
+
+def test_instances_have_the_colours_of_screens() -> None:
+    grey = _linear([(0, 0, 0), (188, 188, 188), (255, 255, 255)])[:, 0].tolist()
+    assert grey == [0, pytest.approx(128, abs=2), 255]  # half the light is 188 of 255 in sRGB
 
 
 def test_strips_lie_along_the_legs_of_a_trail() -> None:

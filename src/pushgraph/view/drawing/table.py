@@ -71,7 +71,8 @@ class DrawnTable:
 
 
 def _lines(length: float) -> Float[np.ndarray, " lines"]:
-    return np.arange(-int(length / 2 / LINES), int(length / 2 / LINES) + 1) * LINES
+    most = int(length / 2 / LINES + 1e-9)  # rounding shall not lose the lines at the rims
+    return np.arange(-most, most + 1) * LINES
 
 
 def _from_above(table: Table) -> UInt8[np.ndarray, "rows columns 3"]:
