@@ -100,7 +100,7 @@ class JointsHeld(ContactMessages):
 class ExactVelocities(PropnetDynamics):
     """The paper's network, trained on velocities without noise."""
 
-    NOISE = 0.0
+    VELOCITY_NOISE = 0.0
 
 
 Dynamics = type[ContactDynamics | PropnetDynamics]

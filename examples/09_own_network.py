@@ -27,7 +27,7 @@ class MlpDynamics(nn.Module):
 
     LONGEST_STEP = math.inf
     FRAMES_PER_STEP: tuple[int, ...] = (1,)
-    SMALL, CHAOS = 0.01, 10.0
+    SMALL, CHAOS, VELOCITY_NOISE = 0.01, 10.0, 0.0
 
     def __init__(self, hidden: int = 64, steps: int = 2) -> None:
         super().__init__()

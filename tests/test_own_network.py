@@ -82,6 +82,7 @@ class Unsavable(Lacking):
     FRAMES_PER_STEP = (1,)
     SMALL = 0.01
     CHAOS = 1.0
+    VELOCITY_NOISE = 0.0
 
     @staticmethod
     def schema() -> dict:
@@ -95,7 +96,7 @@ class Unsavable(Lacking):
 @pytest.mark.parametrize(
     ("network", "says"),
     [
-        (Lacking, r"'own': Lacking lacks CHAOS, FRAMES_PER_STEP, SMALL, error_unit; see pushgraph.network"),
+        (Lacking, r"'own': Lacking lacks CHAOS, FRAMES_PER_STEP, SMALL, VELOCITY_NOISE, error_unit; see pushgraph"),
         (Unsavable, "'own': Unsavable cannot be saved and loaded again"),
         (type("Other", (Lacking,), {"__init__": lambda self: None}), r"'own': cannot be built from {'hidden': 8"),
     ],

@@ -1,5 +1,6 @@
 """Training: it learns, survives kills without a trace, and stops at what is not finite."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ from pushgraph.dataset.ragged import Recipe
 from pushgraph.dataset.store import Columns, Dataset
 from pushgraph.dataset.windows import WindowSampler
 from pushgraph.errors import TrainingError
+from pushgraph.graph.propnet_graph import DISPLACEMENT, TURN
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pairs_of
+from pushgraph.network.dynamics import PropnetDynamics
 from pushgraph.network.registry import build_network
 from pushgraph.scene import Scene
 from pushgraph.simulation.setups import draw_trajectory, multiple_parts, planar
@@ -24,6 +27,7 @@ from pushgraph.training.losses import unrolled_loss
 from pushgraph.training.physics import PhysicsTask, PhysicsTraining, train_physics
 from pushgraph.training.processes import Processes
 from pushgraph.training.run import TrainingRun
+from pushgraph.training.seeds import seed_of
 from pushgraph.training.share import Draws
 
 TINY = {"frames": 2, "batch": 16, "hidden": 8, "propagation_steps": 2}
@@ -53,11 +57,14 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("model", [pytest.param("contact", marks=pytest.mark.slow), "propnet"])
 def test_training_lowers_the_rollout_error_and_records_how(model, data, tmp_path) -> None:
-    training = PhysicsTraining(model=model, **data, samples=1600, learning_rate=3e-3, **TINY)
+    settings = TINY | {"samples": 1600, "learning_rate": 3e-3}
+    if model == "propnet":
+        settings |= {"samples": 4800, "learning_rate": 1e-2, "hidden": 32}
+    training = PhysicsTraining(model=model, **data, **settings)
     train_physics(training, TrainingRun(out=str(tmp_path / "out.safetensors")))
     checkpoint = load_checkpoint(tmp_path / "out.safetensors")
     record, curve = checkpoint.record, checkpoint.record["curve"]
-    assert record["samples"] == 1600
+    assert record["samples"] == settings["samples"]
     assert record["data"]["seed"] == 0
     assert record["training"]["batch"] == 16
     assert curve[0]["step"] == 0
@@ -82,6 +89,39 @@ def test_gradients_in_bfloat16_point_where_those_in_float32_do(model, data) -> N
         PhysicsTask(training, Processes(), torch.device("cpu")).loss(network, 0).backward()
         gradients.append(torch.cat([values.grad.flatten() for values in network.parameters()]))
     assert float(torch.cosine_similarity(*gradients, dim=0)) > 0.99
+
+
+def test_networks_are_told_motions_with_the_noise_that_is_asked_for(data, monkeypatch) -> None:
+    training = PhysicsTraining(model="propnet", **data, samples=1600, **TINY)
+    network, told = build_network("propnet", training.config), []
+
+    def tell(state, control):
+        told.append(state.motions)
+        return PropnetDynamics.forward(network, state, control)
+
+    monkeypatch.setattr(network, "forward", tell)
+    for noise in (0.0, 0.3, None):
+        asked = training.model_copy(update={"velocity_noise": noise})
+        PhysicsTask(asked, Processes(), torch.device("cpu")).loss(network, 0)
+    true, noisy, by_default = (motions.double() for motions in told[:: training.frames])
+    torch.testing.assert_close(noisy, by_default, rtol=0, atol=0)
+    spread = (noisy - true).std((0, 1)) / true.new_tensor([DISPLACEMENT, DISPLACEMENT, TURN])
+    torch.testing.assert_close(spread, torch.full_like(spread, 0.3), rtol=0.3, atol=0)
+
+
+@pytest.mark.parametrize(("least_gain", "kept"), [(0.05, True), (0.02, False)])
+def test_what_a_training_starts_from_is_kept_unless_others_are_better_by_so_much(
+    data, tmp_path, monkeypatch, least_gain, kept
+) -> None:
+    errors = itertools.chain([1.0], itertools.repeat(0.97))
+    monkeypatch.setattr(PhysicsTask, "validate", lambda *_: torch.tensor([[next(errors)] * 4, [1.0] * 4]))
+    training = PhysicsTraining(model="propnet", **data, samples=64, least_gain=least_gain, **TINY)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed_of("first weights", seed=training.seed))
+        before = build_network(training.model, training.config).state_dict()
+    train_physics(training, TrainingRun(out=str(tmp_path / "out.safetensors")))
+    after = weights(tmp_path / "out.safetensors")
+    assert all(torch.equal(before[name], after[name]) for name in before) == kept
 
 
 def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monkeypatch) -> None:

@@ -61,12 +61,14 @@ class PhysicsNetwork(Dynamics, Schema, Protocol):
 
     FRAMES_PER_STEP: how many frames steps cover in training, one after the other. SMALL: errors below this many
     units count quadratically. CHAOS: errors of about this many units and more teach less and less: there the
-    prediction has gone another way.
+    prediction has gone another way. VELOCITY_NOISE: on what it is told in training of how bodies moved in the frame
+    before, unless a recipe says otherwise (units, turns at LEVER).
     """
 
     FRAMES_PER_STEP: tuple[int, ...]
     SMALL: float
     CHAOS: float
+    VELOCITY_NOISE: float
 
     @staticmethod
     def error_unit(step: Float[Tensor, " batch"], /) -> Float[Tensor, " batch"]:

@@ -47,6 +47,7 @@ class ContactDynamics(nn.Module):
     FRAMES_PER_STEP: tuple[int, ...] = (1, 2, 1, 4)
     SMALL = 0.01
     CHAOS = 1.0
+    VELOCITY_NOISE = 0.0
 
     def __init__(self, hidden: int = 48, steps: int = 2) -> None:
         super().__init__()
@@ -120,9 +121,9 @@ class PropnetDynamics(nn.Module):
     SMALL = 0.3
     """Most bodies rest: were all but the smallest errors counted by their size, it would learn that all do."""
     CHAOS = 10.0
-    NOISE = 0.3
-    """Of the velocities that it is given in training (units): of exact ones it learns little but to copy them, and its
-    rollouts, which begin at rest, stand still."""
+    VELOCITY_NOISE = 0.3
+    """From nothing it learns little from exact velocities but to copy them, and its rollouts, which begin at rest,
+    stand still."""
 
     def __init__(self, hidden: int = 256, steps: int = 5) -> None:
         super().__init__()
@@ -143,9 +144,6 @@ class PropnetDynamics(nn.Module):
 
     def forward(self, state: State, control: Control) -> Advance:
         """See Dynamics; it knows no force limits."""
-        if self.training:
-            unit = state.motions.new_tensor([DISPLACEMENT, DISPLACEMENT, TURN])
-            state = state._replace(motions=state.motions + self.NOISE * unit * torch.randn_like(state.motions))
         graph = propnet_graph(state, control)
         return Advance(self._motion(state, graph, self.network(graph).motion), torch.ones_like(state.poses[:, 0, 0]))
 

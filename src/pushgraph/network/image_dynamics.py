@@ -33,6 +33,7 @@ class ImageDynamics(nn.Module):
     FRAMES_PER_STEP: tuple[int, ...] = (1,)
     SMALL = 0.01
     CHAOS = 10.0
+    VELOCITY_NOISE = 0.0
 
     def __init__(self, hidden: int = 128, steps: int = 3) -> None:
         super().__init__()

@@ -85,7 +85,11 @@ def _conduct(
         settings = training.with_names()
         running = RunningCheckpoint(run.folder, settings | {f"{name} recipe": one for name, one in recipes.items()})
         schedule = Schedule(
-            training.steps, training.learning_rate, training.VALIDATIONS, amsgrad=training.model == "propnet"
+            training.steps,
+            training.learning_rate,
+            training.VALIDATIONS,
+            amsgrad=training.model == "propnet",
+            least_gain=training.least_gain,
         )
         if not processes.leads:
             with contextlib.suppress(TrainingInterrupted):

@@ -31,12 +31,14 @@ WITHHELD = 0.15
 
 class Example(NamedTuple):
     """A batch of windows ready for prediction: the state to start from, what the tool does in each step, and what
-    happened. counts: windows in which the tool does not move too far in a step."""
+    happened. counts: windows in which the tool does not move too far in a step. noise: in standard deviations, for what
+    a network is told in each step of how bodies moved."""
 
     state: State
     controls: list[Control]
     poses: Float[Tensor, "batch knots bodies 3"]
     counts: Bool[Tensor, " batch"]
+    noise: Float[Tensor, "batch steps bodies 3"]
 
 
 class ExampleMaker:
@@ -74,7 +76,8 @@ class ExampleMaker:
         steps = controls(at_knots, torch.ones_like(at_knots[..., 0], dtype=torch.bool), lasting)[1:]
         motion = tool[:, knots].diff(dim=1)
         travel = motion[..., :2].norm(dim=-1) + motion[..., 2].abs() * scenes.tool_radius[:, None]
-        return Example(state, steps, bodies[:, knots], travel.amax(1) <= FARTHEST)
+        noise = draws.normal(len(steps), *bodies.shape[2:]).to(bodies)
+        return Example(state, steps, bodies[:, knots], travel.amax(1) <= FARTHEST, noise)
 
 
 def mirror(poses: Float[Tensor, "batch *nodes 3"], sign: Float[Tensor, " batch"]) -> Float[Tensor, "batch *nodes 3"]:

@@ -25,8 +25,6 @@ WARM_UP = 0.02
 CLIP = 1.0
 """Largest norm of a gradient."""
 DECAY = 1e-4
-CLEARLY = 0.05
-"""What training starts from is kept unless something validates better by this share: validations are noisy."""
 
 
 @runtime_checkable
@@ -56,12 +54,16 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long and how fast: the learning rate rises, then falls to zero along a cosine."""
+    """How long and how fast: the learning rate rises, then falls to zero along a cosine.
+
+    least_gain: what training starts from is kept unless something validates better by this share.
+    """
 
     steps: int
     learning_rate: float
     validations: int = 20
     amsgrad: bool = False
+    least_gain: float = 0.05
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -105,7 +107,7 @@ def train(
         if task.numbers[0] not in numbers:
             raise TrainingError(f"validation: holds nothing by which {task.numbers[0]} can be measured")
         now.curve.append({"step": 0, "seconds": 0.0, "loss": first_loss} | numbers)
-        now.best = numbers[task.numbers[0]] * (1 - CLEARLY)
+        now.best = numbers[task.numbers[0]] * (1 - schedule.least_gain)
         best = _copied(network)
         if recorder:
             recorder.validated(now)

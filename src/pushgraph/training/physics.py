@@ -61,7 +61,7 @@ class PhysicsTask:
         # Dropout draws from torch's own generator; nobody else's draws shall change with it.
         with torch.random.fork_rng(), torch.autocast(self._device.type, torch.bfloat16, enabled=half):
             torch.manual_seed(seed_of("dropout", seed=training.seed, step=step, rank=self._processes.rank))
-            return unrolled_loss(dynamics, example, self._processes.mean)
+            return unrolled_loss(dynamics, example, self._processes.mean, training.velocity_noise)
 
     def validate(self, network: nn.Module) -> Float[Tensor, "2 numbers"]:
         """Sums over trajectories of `numbers` after a rollout of 50 frames, and how many trajectories there are."""

@@ -35,6 +35,8 @@ class Training(Settings):
     """Of first weights and batches."""
     start_from: str | None = None
     """A checkpoint whose weights to begin with."""
+    least_gain: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    """What training starts from is kept unless something validates better by this share; validations are noisy."""
 
     def model_post_init(self, _: Any) -> None:
         """Raise TrainingError if there is no such network, or no such file."""
@@ -89,6 +91,9 @@ class PhysicsTraining(_Propagating):
     """Its peak."""
     hidden: Count = 48
     """Width of the network."""
+    velocity_noise: Annotated[float | None, Field(ge=0)] = None
+    """On what the network is told of how bodies moved in the frame before, in its unit of errors; by default the
+    network's own."""
     precision: Literal["float32", "bfloat16"] = "float32"
     """What networks compute in."""
 

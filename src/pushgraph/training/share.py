@@ -23,6 +23,10 @@ class Draws:
         """From 0 to 1, [share *shape]."""
         return torch.rand(self.whole, *shape, generator=self.generator)[self.share]
 
+    def normal(self, *shape: int) -> Tensor:
+        """Of the standard normal distribution, [share *shape]."""
+        return torch.randn(self.whole, *shape, generator=self.generator)[self.share]
+
     def signs(self) -> Tensor:
         """-1 or 1, [share]."""
         return (1.0 - 2.0 * torch.randint(2, (self.whole,), generator=self.generator))[self.share]
