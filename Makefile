@@ -13,6 +13,7 @@ JOINTED := --data $(DATA)/jointed.h5 --validation $(DATA)/jointed-validation.h5 
 MASSES := --masses $(DATA)/masses.h5 --masses-validation $(DATA)/masses-validation.h5
 RUNS := $(CACHE)/runs
 PHYSICS := $(BIN)/pushgraph train physics --precision bfloat16
+PROPNET := $(PHYSICS) $(PARTS) --model propnet --frames 10 --batch 16 --hidden 256 --propagation-steps 5
 BELIEF := $(BIN)/pushgraph train belief
 
 .PHONY: demo test test-all lint install schema weights weights-contact weights-propnet weights-image weights-belief weights-paper-recipe weights-spread weights-lever-up data docs results clean
@@ -73,7 +74,7 @@ weights: data
 data: install
 	$(BIN)/pushgraph generate planar --objects 9 --count 5888 --seed 0 --out $(DATA)/planar.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 2400 --seed 0 --out $(DATA)/parts.h5
-	$(BIN)/pushgraph generate planar-mixed --objects 12 --count 800 --seed 0 --out $(DATA)/mixed.h5
+	$(BIN)/pushgraph generate planar-mixed --objects 12 --count 1600 --seed 0 --out $(DATA)/mixed.h5
 	$(BIN)/pushgraph generate multiple-parts --objects 9 --count 200 --seed 900000 --out $(DATA)/validation.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 2400 --seed 0 --out $(DATA)/jointed.h5
 	$(BIN)/pushgraph generate jointed --objects 9 --count 104 --seed 900000 --out $(DATA)/jointed-validation.h5
@@ -86,10 +87,11 @@ data: install
 weights-contact: data
 	$(BIN)/pushgraph train physics $(PLANAR) --model contact --samples 300000 --run-folder $(RUNS)/contact --out $(WEIGHTS)/contact.safetensors
 
-# The shipped ones, and paper_recipe's, are still those of the former simulator: docs/experiments.md.
+# From nothing exact velocities spoil it; once it has learnt what pushes, they help.
 weights-propnet: data
-	$(PHYSICS) $(PARTS) --model propnet --samples 2000000 --frames 10 --batch 16 --learning-rate 1e-3 \
-	  --hidden 256 --propagation-steps 5 --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
+	$(PROPNET) --samples 1300000 --learning-rate 1e-3 --run-folder $(RUNS)/propnet-1 --out $(CACHE)/propnet-1.safetensors
+	$(PROPNET) --samples 350000 --learning-rate 5e-4 --velocity-noise 0.03 --least-gain 0 --seed 1 \
+	  --start-from $(CACHE)/propnet-1.safetensors --run-folder $(RUNS)/propnet --out $(BASELINES)/propnet.safetensors
 
 # The shipped ones had these samples in two stages: docs/experiments.md.
 weights-image: data
@@ -111,7 +113,7 @@ weights-paper-recipe: data
 
 weights-spread: data
 	$(BIN)/pushgraph train spread --data $(DATA)/mixed.h5 --validation $(DATA)/validation.h5 --processes 1 \
-	  --rollouts 9600 --samples 6000000 --run-folder $(RUNS)/spread --out $(WEIGHTS)/spread.safetensors
+	  --rollouts 19200 --samples 8000000 --run-folder $(RUNS)/spread --out $(WEIGHTS)/spread.safetensors
 
 weights-lever-up: data
 	$(BIN)/pushgraph train lever-up --data $(DATA)/lever-up.h5 --validation $(DATA)/lever-up-validation.h5 --processes 1 \

@@ -198,7 +198,8 @@ def test_nothing_is_doubtful_where_nothing_moves(predictor) -> None:
 
 @pytest.mark.parametrize("unknown", ["masses", "side_friction", "joints"])
 def test_what_is_not_known_widens_the_spread(predictor, unknown) -> None:
-    scene, beliefs = pushed_row(), None
+    # Discs that are pushed along the line of their centres hardly feel friction.
+    scene, beliefs = workshop() if unknown == "side_friction" else pushed_row(), None
     if unknown == "masses":
         other = scene.replace(bodies=tuple(one.replace(mass=None) for one in scene.bodies))
     elif unknown == "side_friction":

@@ -27,7 +27,7 @@ from pushgraph.training.rollouts import (
 from pushgraph.training.run import TrainingRun
 from pushgraph.training.spread import ScaledErrors, SpreadTraining, misses, surprise, train_spread
 
-TINY = {"frames": 24, "batch": 2, "hidden": 8, "rollouts": 8, "learning_rate": 1e-2}
+TINY = {"frames": 24, "batch": 2, "hidden": 8, "rollouts": 8, "learning_rate": 2e-2}
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def short(monkeypatch) -> None:
     monkeypatch.setattr(rollouts, "LONGEST_WATCH", 10)
     monkeypatch.setattr(rollouts, "LONG_FRAMES", 40)
     monkeypatch.setattr(spread, "VALIDATION_FRAMES", 30)
-    monkeypatch.setattr(spread, "VALIDATION_WATCH", 5)
+    monkeypatch.setattr(spread, "VALIDATION_WATCHES", (0, 5))
 
 
 def test_rollouts_start_from_the_truth_and_stand_beside_it(data, dynamics) -> None:
@@ -152,7 +152,7 @@ def test_the_same_batches_come_again(data, dynamics) -> None:
 def test_training_learns_and_goes_on_where_it_stopped(data, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(loop, "SAVE_EVERY", 0.0)
     monkeypatch.setattr(SpreadTraining, "VALIDATIONS", 4)
-    training = SpreadTraining(**data, samples=24 * 2 * 24, **TINY)
+    training = SpreadTraining(**data, samples=24 * 2 * 48, **TINY)
     run, other = (TrainingRun(out=str(tmp_path / f"{name}.safetensors")) for name in ("whole", "pieces"))
     train_spread(training, run)
     whole = load_checkpoint(tmp_path / "whole.safetensors")

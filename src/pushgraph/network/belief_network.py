@@ -19,8 +19,8 @@ from pushgraph.network.contact_problem import CONTACT_STATE
 from pushgraph.network.contract import Foresight, Schema
 from pushgraph.network.mass_noise import MassNoise
 
-LATENT_UNIT = 0.01
-"""Latents of the shipped `propnet` are of this order; an LSTM learns next to nothing from numbers so small."""
+LATENT_UNIT = 0.4
+"""Latents of the shipped `propnet` that are not zero are of this order; an LSTM learns from numbers of order one."""
 
 
 class Rows(NamedTuple):

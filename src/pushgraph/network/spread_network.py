@@ -10,8 +10,8 @@ from pushgraph.graph.track_features import CONSTANTS, COUPLINGS, FEATURES, LEAST
 
 LEAST, LEAST_YAW = 5e-5, 4e-4
 """Scales of what rests (m, rad): 68 % regions are then some 0.1 mm and 0.05 degrees wide."""
-DEGREES = (1.0, 30.0)
-"""Fewest and most degrees of freedom."""
+DEGREES = (0.5, 30.0)
+"""Fewest and most degrees of freedom: errors that are either small or large need few."""
 LOG_SHARE = (-9.0, 1.0)
 """Scales are shares of the motion around a body; their logarithms stay in these bounds."""
 

@@ -31,8 +31,10 @@ MOVED, SELDOM = 1e-3, 0.03
 """Bodies that have moved less than this (m), truly and as predicted, weigh so much."""
 MOVED_FAR = 0.01
 """Bodies that have moved more than this (m) count in the validation's coverage."""
-VALIDATION_FRAMES, VALIDATION_WATCH = 51, 20
-CALIBRATED, MISSES = (0.68, 0.95), 2.0
+VALIDATION_FRAMES = 51
+VALIDATION_WATCHES = (0, 20, 40, 100)
+"""Observed frames before the rollouts with believed joints that weights are chosen and calibrated by."""
+CALIBRATED, MISSES = (0.68, 0.95), 6.0
 """Bounds that are fitted by themselves beside the density, and their weight."""
 TINY = 1e-30
 """Keeps logarithms finite where there is no error at all; any larger one shall draw its scale."""
@@ -122,8 +124,8 @@ class SpreadTask:
         self._batch = functools.cache(lambda number: maker(number, training.frames, processes))
         tracks = validation_tracks(validation, processes)
         known = predicted_as_known(tracks, [0] * len(tracks), VALIDATION_FRAMES, dynamics)
-        believed = predicted_as_believed(tracks, VALIDATION_WATCH, VALIDATION_FRAMES, dynamics, belief)
-        self.validation = [map_tensors(lambda values: values.to(device), some) for some in (known, believed)]
+        believed = [predicted_as_believed(tracks, k, VALIDATION_FRAMES, dynamics, belief) for k in VALIDATION_WATCHES]
+        self.validation = [map_tensors(lambda values: values.to(device), some) for some in (known, *believed)]
         if not any(_moved_far(example, features_of(example)).any() for example in self.validation):
             raise TrainingError(f"validation: {training.validation}: no body moves {100 * MOVED_FAR:g} cm")
 
