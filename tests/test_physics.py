@@ -42,8 +42,9 @@ def test_the_shipped_weights_predict_what_they_did_when_they_were_shipped(model)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_shipped_checkpoint_says_how_it_was_trained_and_is_small(model) -> None:
     record = load(model).record
-    # The image baseline's last stage, on the paper's own setup.
-    setup, samples = {"image": ("multiple-parts", 9e4)}.get(model, ("planar", 2e5))
+    # The paper's networks' last stages, on its own setup.
+    paper = {"image": ("multiple-parts", 9e4), "propnet": ("multiple-parts", 3e5)}
+    setup, samples = paper.get(model, ("planar", 2e5))
     assert record["data"]["setup"] == setup
     assert record["data"]["seed"] < 1_000_000
     assert record["samples"] > samples
