@@ -19,7 +19,7 @@ from pushgraph.adaptation.probe_offset import from_starts
 from pushgraph.adaptation.recorded import pushes_of_tracks
 from pushgraph.adaptation.scenes import scene_of
 from pushgraph.adaptation.session import adapt_recorded
-from pushgraph.adaptation.unknowns import PROBE, Estimate, Unknowns
+from pushgraph.adaptation.unknowns import COUNT, PROBE, Estimate, Unknowns
 from pushgraph.body import Body
 from pushgraph.errors import AdaptationError
 from pushgraph.network.contract import Dynamics
@@ -64,7 +64,7 @@ def test_pressure_moves_out_and_about_its_centre(shape) -> None:
 def test_scores_and_unknowns_are_inverse() -> None:
     unknowns = Unknowns(0.3, 0.5, 0.1, 0.001, -0.002, 1e-4, 2e-4)
     np.testing.assert_allclose(np.array(Unknowns.of(unknowns.scores)), unknowns)
-    np.testing.assert_allclose(np.array(Unknowns.of(np.zeros(7))), Unknowns())
+    np.testing.assert_allclose(np.array(Unknowns.of(np.zeros(COUNT))), Unknowns())
 
 
 def test_prediction_does_not_depend_on_where_and_how_the_object_lies(dynamics: Dynamics, tmp_path: Path) -> None:
@@ -91,6 +91,23 @@ def test_a_measured_offset_of_the_probe_is_where_it_truly_was(dynamics: Dynamics
     )
     told = predicted_motion(dynamics, shifted, Unknowns(probe_x=1e-3, probe_y=-5e-4))
     np.testing.assert_allclose(told, predicted_motion(dynamics, pushes), atol=1e-5)
+
+
+def test_a_grain_lies_in_the_world_however_an_object_is_turned(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*write(tmp_path, rows_of(4, "box")))
+    unknowns = Unknowns(anisotropy_x=0.15, anisotropy_y=-0.18)
+    told, even = (predicted_motion(dynamics, pushes, u) for u in (unknowns, Unknowns()))
+    assert np.ptp(pushes.before[:, 2]) > 0.3
+    effects = []
+    for k in range(len(pushes)):
+        scene = scene_of(pushes, k, unknowns)
+        assert scene.table.anisotropy == pytest.approx(float(np.hypot(0.15, 0.18)))
+        end = PhysicsPredictor.load().predict(scene).poses[-1, 1]
+        off, effect = (np.abs(end - pose.compose(pushes.before[k], m[k])).max() for m in (told, even))
+        assert off < 4e-3
+        assert off <= effect / 3
+        effects.append(effect)
+    assert np.sort(effects)[2] > 5e-3  # one misses
 
 
 def test_corners_bear_their_share() -> None:
@@ -131,7 +148,7 @@ def test_starts_that_do_not_touch_tell_nothing(tmp_path: Path) -> None:
     pushes = read_pushes(*write(tmp_path, rows_of(40, "disc")))
     known = from_starts(pushes, Estimate.prior())
     np.testing.assert_array_equal(known.mean, 0)
-    np.testing.assert_array_equal(known.covariance, np.eye(7))
+    np.testing.assert_array_equal(known.covariance, np.eye(COUNT))
 
 
 def test_first_contact_is_where_circle_and_outline_meet(tmp_path: Path) -> None:
@@ -141,13 +158,15 @@ def test_first_contact_is_where_circle_and_outline_meet(tmp_path: Path) -> None:
 
 
 def test_unknowns_are_found_again(dynamics: Dynamics, tmp_path: Path) -> None:
-    true = Unknowns(0.12, 0.6, 0.2, 0.0, 0.0, 1.2e-3, -6e-4)
+    true = Unknowns(0.12, 0.6, 0.2, 0.0, 0.0, 1.2e-3, -6e-4, 0.08, -0.05)
     pushes = read_pushes(*made(tmp_path, {"box": 40}, true, noise=2e-4))
     found = fit(dynamics, pushes, Estimate.prior())
     off = (found.mean - true.scores) / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3
     assert abs(found.unknowns.side_friction - 0.12) < 0.03
     assert abs(found.unknowns.probe_x - 1.2e-3) < 5e-4
+    assert abs(found.unknowns.anisotropy_x - 0.08) < 0.02
+    assert abs(found.unknowns.anisotropy_y + 0.05) < 0.02
     assert found.lines()[0].startswith("side friction 0.1")
 
 
@@ -161,13 +180,13 @@ def test_without_pushes_that_tell_the_prior_stays(dynamics: Dynamics, tmp_path: 
     )
     found = fit(dynamics, far, Estimate.prior())
     np.testing.assert_allclose(found.mean, 0, atol=1e-9)
-    np.testing.assert_allclose(found.covariance, np.eye(7), atol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.eye(COUNT), atol=1e-9)
 
 
 def test_derivatives_are_those_of_predictions(dynamics: Dynamics, tmp_path: Path) -> None:
     pushes = read_pushes(*write(tmp_path, rows_of(10, "box")))
-    at = linearized(dynamics, pushes, np.zeros(7))
-    step = np.array([0.0, 0, 0, 0, 0, 0.1, 0])
+    at = linearized(dynamics, pushes, np.zeros(COUNT))
+    step = np.array([0.0, 0, 0, 0, 0, 0.1, 0, 0.1, -0.1])
     change = predicted_motion(dynamics, pushes, Unknowns.of(step)) - at.motion
     np.testing.assert_allclose(change, at.slope @ step, atol=1e-3)
 

@@ -26,9 +26,10 @@ from pushgraph.simulation.setups import draw_trajectory
 
 @pytest.fixture(scope="module")
 def scenes() -> list[Scene]:
-    """Workshops, and scenes of many kinds, pushed once."""
+    """Workshops, and scenes of many kinds, pushed once; some on tables with a grain."""
     drawn = [draw_trajectory("planar", 9, 6, k).track.scene for k in range(11)]
-    return [scene.replace(pushes=scene.pushes[:1]) for scene in [workshop(), *drawn]]
+    grained = [s.replace(table=s.table.replace(anisotropy=0.3, grain=0.5 * k)) for k, s in enumerate(drawn[:4])]
+    return [scene.replace(pushes=scene.pushes[:1]) for scene in [workshop(), *grained, *drawn[4:]]]
 
 
 def steps_of(scenes: Sequence[Scene]) -> tuple[State, list[Control]]:

@@ -73,10 +73,10 @@ def overlap(track: Track, bodies: Sequence[int]) -> float:
     return -float(min(gaps))
 
 
-@pytest.mark.parametrize("force_limit", [math.inf, 2.0])
-def test_the_gradient_of_the_energy_is_that_of_finite_differences(force_limit: float) -> None:
+@pytest.mark.parametrize(("force_limit", "anisotropy"), [(math.inf, 0.0), (2.0, 0.0), (2.0, 0.4)])
+def test_the_gradient_of_the_energy_is_that_of_finite_differences(force_limit: float, anisotropy: float) -> None:
     """Friction is held meanwhile, and twists are far from where a contact closes."""
-    state, control = start_of(crowd())
+    state, control = start_of(crowd().replace(table=Table(anisotropy=anisotropy, grain=0.6)))
     graph = contact_graph(state, control._replace(force_limit=torch.tensor([force_limit])))
     assert len(graph.drives.node) == (force_limit < math.inf)
     problem = ContactProblem.of(graph)

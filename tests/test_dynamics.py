@@ -16,7 +16,7 @@ from pushgraph.graph.state import Control, controls
 from pushgraph.network.dynamics import PropnetDynamics
 from pushgraph.network.propagation import PropagationNetwork
 from pushgraph.physics import PhysicsPredictor
-from pushgraph.scene import Scene
+from pushgraph.scene import Scene, Table
 from pushgraph.shape import Cuboid
 from pushgraph.simulation.motion import plan_tool
 from pushgraph.simulation.planar import simulate
@@ -174,8 +174,10 @@ def test_predicted_frames_are_those_of_the_simulator(contact) -> None:
     np.testing.assert_allclose(simulated.poses[0], predicted.poses[0], atol=1e-12)
 
 
-def test_gradients_of_a_rollout_agree_with_finite_differences(contact, tightly) -> None:
+@pytest.mark.parametrize("table", [Table(), Table(anisotropy=0.4, grain=0.6)], ids=["even", "grained"])
+def test_gradients_of_a_rollout_agree_with_finite_differences(table: Table, contact, tightly) -> None:
     scene = Scene(
+        table=table,
         bodies=(body("a", 0.0, 0.0, Cuboid(size=(0.1, 0.08)), yaw=0.3), body("b", 0.125, 0.02)),
         tool=Tool.round(0.04),
         pushes=(Push(start=(-0.085, 0.01), end=(0.0, 0.01)),),

@@ -290,7 +290,7 @@ def command(data: dict[str, str], out: Path, *more: object, **settings: object) 
     return arguments
 
 
-OFTEN = "from pushgraph.training import loop; loop.SAVE_EVERY = 0.5; from pushgraph.cli import main; main()"
+OFTEN = "from pushgraph.cli import main; from pushgraph.training import loop; loop.SAVE_EVERY = 0.5; main()"
 
 
 @pytest.mark.slow

@@ -382,6 +382,13 @@ def test_links_follow_the_bodies_and_the_board_the_time(server, drawing: SceneDr
     assert now.position[0] == pytest.approx(drawing._board._width, abs=1e-3)
 
 
+def test_the_facts_tell_a_table_s_grain() -> None:
+    scene = workshop()
+    table = scene.table.replace(anisotropy=0.2, grain=-0.5)
+    assert "20% more along 151 degrees" in facts(scene.replace(table=table))
+    assert "grain" not in facts(scene)
+
+
 def test_the_legend_and_the_facts_say_what_is_there(drawing: SceneDrawing) -> None:
     scene = workshop().replace(side_friction=None)
     drawing.show_scene(scene)

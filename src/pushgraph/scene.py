@@ -38,14 +38,27 @@ SWING, SLIDE = math.pi / 2, 0.08
 NOMINAL_MASS = 0.6
 NOMINAL_TABLE_FRICTION = 0.45
 NOMINAL_SIDE_FRICTION = 0.25
+MOST_ANISOTROPY = 0.5
+"""Friction along the grain of a table is at most three times that across it."""
 
 
 class Table(Record):
-    """A rectangular table top centred at its own frame; `friction` is that of the bodies' feet on it."""
+    """A rectangular table top centred at its own frame; `friction` is that of the bodies' feet on it.
+
+    A table with a grain, of brushed metal or wood, has two frictions: along the direction `grain` (rad, in its own
+    frame) friction times 1 + anisotropy, across it times 1 - anisotropy.
+    """
 
     size: tuple[Length, Length] = (2.0, 2.0)
     friction: Annotated[float, Field(gt=0, le=2)] | None = NOMINAL_TABLE_FRICTION
     pose_world_from_table: Pose = (0.0, 0.0, 0.0)
+    anisotropy: Annotated[float, Field(ge=0, le=MOST_ANISOTROPY)] = 0.0
+    grain: float = 0.0
+
+    @property
+    def grain_world(self) -> float:
+        """Direction of the grain in the world frame (rad)."""
+        return self.pose_world_from_table[2] + self.grain
 
     def holds(self, points_world: Float[np.ndarray, "*batch 2"]) -> np.ndarray:
         """Whether each point lies on the table."""

@@ -19,7 +19,7 @@ from pushgraph.tensor_file import Header, check_tensors, load_tensors, save_tens
 Positive = Annotated[float, Field(gt=0)]
 
 FORMAT = "pushgraph.adaptation"
-VERSION = 2
+VERSION = 3
 
 
 class Learnt(Record):
@@ -45,7 +45,7 @@ class AdaptationHeader(Header):
     """What the header of an adaptation says. physics: hash of the weights. record: what it was learnt from."""
 
     format: Literal["pushgraph.adaptation"] = "pushgraph.adaptation"
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     physics: str | None
     record: dict[str, Any]
     learnt: tuple[Learnt, ...]

@@ -30,10 +30,10 @@ class Linearized(NamedTuple):
     """Predicted motions (m, m, rad), and their derivatives with respect to the unknowns' standard scores."""
 
     motion: Float[np.ndarray, "pushes 3"]
-    slope: Float[np.ndarray, "pushes 3 7"]
+    slope: Float[np.ndarray, "pushes 3 9"]
 
 
-def linearized(dynamics: Dynamics, pushes: RealPushes, scores: Float[np.ndarray, "*pushes 7"]) -> Linearized:
+def linearized(dynamics: Dynamics, pushes: RealPushes, scores: Float[np.ndarray, "*pushes 9"]) -> Linearized:
     """Predictions and their finite differences, all in one rollout. scores: of all pushes, or a row for each."""
     count = len(pushes)
     changed = np.concatenate((np.zeros((1, COUNT)), DIFFERENCE * np.eye(COUNT)))

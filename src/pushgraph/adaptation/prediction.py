@@ -38,7 +38,9 @@ def predicted_motion(
     """
     rows = np.broadcast_to(unknowns.scores, (len(pushes), len(NOMINAL)))
     found = np.zeros((len(pushes), 3))
-    start, end = _probe_in_body(pushes, Unknowns.of(rows))
+    everything = Unknowns.of(rows)
+    start, end = _probe_in_body(pushes, everything)
+    grain = _grain_in_body(pushes, everything)
     for name in dict.fromkeys(pushes.shape.tolist()):
         chosen = np.flatnonzero(pushes.of(shape=name))
         found[chosen] = _of_one_shape(
@@ -46,6 +48,7 @@ def predicted_motion(
             pushes.shapes[name],
             pushes.probe_radius,
             (start[chosen], end[chosen]),
+            grain[chosen],
             pushes.speed[chosen],
             Unknowns.of(rows[chosen]),
             longest_step,
@@ -75,11 +78,18 @@ def _probe_in_body(
     return pushes.start_in_body + offset, pushes.end_in_body + offset
 
 
+def _grain_in_body(pushes: RealPushes, unknowns: Unknowns) -> Float[np.ndarray, "pushes 2"]:
+    """Anisotropy of the table, seen from the object; see SceneBatch."""
+    of_grain = np.stack((unknowns.anisotropy_x, unknowns.anisotropy_y), -1)
+    return pose.rotate(of_grain, -2 * pushes.before[:, 2])
+
+
 def _of_one_shape(
     dynamics: Dynamics,
     shape: BodyShape,
     radius: float,
     way: tuple[np.ndarray, np.ndarray],
+    grain: Float[np.ndarray, "pushes 2"],
     speed: Float[np.ndarray, " pushes"],
     unknowns: Unknowns,
     longest_step: float,
@@ -88,7 +98,10 @@ def _of_one_shape(
     begin, end = _outside(scene, *way), way[1]
     count = len(begin)
     scenes = one.take(torch.zeros(count, dtype=torch.long))
-    scenes = scenes._replace(side_friction=torch.from_numpy(np.array(unknowns.side_friction, dtype=float)))
+    scenes = scenes._replace(
+        side_friction=torch.from_numpy(np.array(unknowns.side_friction, dtype=float)),
+        anisotropy=torch.from_numpy(grain),
+    )
     pressures = np.stack((unknowns.concentration, unknowns.corner_share, unknowns.centre_x, unknowns.centre_y), -1)
     kinds, which = np.unique(pressures, axis=0, return_inverse=True)
     scenes = _pressing(scenes, apart, shape, kinds, which.reshape(-1))

@@ -1,5 +1,6 @@
 """A recorded push as a scene, with what was learnt of it written in: to be predicted, simulated, or copied."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,7 +9,7 @@ from pushgraph.adaptation.pressure import support
 from pushgraph.adaptation.unknowns import NOMINAL, Estimate, Unknowns
 from pushgraph.body import Body
 from pushgraph.real_pushes import DEEPEST, RealPushes
-from pushgraph.scene import Scene
+from pushgraph.scene import MOST_ANISOTROPY, Scene, Table
 from pushgraph.shape import BodyShape, Point
 from pushgraph.tool import Push, Tool
 
@@ -27,6 +28,7 @@ def scene_of(pushes: RealPushes, index: int, unknowns: Unknowns = NOMINAL) -> Sc
     )
     scene = Scene(
         bodies=(body,),
+        table=_grained(Table(), float(unknowns.anisotropy_x), float(unknowns.anisotropy_y)),
         tool=Tool.round(2 * pushes.probe_radius),
         side_friction=float(unknowns.side_friction),
     ).with_nominal_values()
@@ -38,23 +40,41 @@ def scene_of(pushes: RealPushes, index: int, unknowns: Unknowns = NOMINAL) -> Sc
 
 
 def with_unknowns(scene: Scene, estimates: Mapping[str, Estimate]) -> Scene:
-    """The scene with what was learnt of some bodies, by name: where they press, and the side friction, for which the
-    surest body counts most."""
+    """The scene with what was learnt of some bodies, by name: where they press, and side friction and the grain of the
+    table, for which the surest body counts most."""
     if not estimates:
         return scene
     bodies = tuple(
         body.replace(support=support_of(body.shape, estimates[body.name].unknowns)) if body.name in estimates else body
         for body in scene.bodies
     )
-    weights = [1 / estimate.covariance[0, 0] for estimate in estimates.values()]
-    frictions = [np.log(estimate.unknowns.side_friction) for estimate in estimates.values()]
-    return scene.replace(bodies=bodies, side_friction=float(np.exp(np.average(frictions, weights=weights))))
+
+    def mean(name: str) -> float:
+        place = Unknowns._fields.index(name)
+        scores = [estimate.mean[place] for estimate in estimates.values()]
+        return float(np.average(scores, weights=[1 / e.covariance[place, place] for e in estimates.values()]))
+
+    scores = [mean(name) for name in Unknowns._fields]
+    shared = Unknowns.of(np.array(scores))
+    return scene.replace(
+        bodies=bodies,
+        side_friction=float(shared.side_friction),
+        table=_grained(scene.table, float(shared.anisotropy_x), float(shared.anisotropy_y)),
+    )
 
 
 def support_of(shape: BodyShape, unknowns: Unknowns) -> tuple[Point, ...]:
     """Points on which a body presses as the unknowns say."""
-    _, concentration, corner_share, x, y, _, _ = (float(value) for value in unknowns)
+    values = (unknowns.concentration, unknowns.corner_share, unknowns.centre_x, unknowns.centre_y)
+    concentration, corner_share, x, y = (float(value) for value in values)
     return support(shape, concentration, corner_share, (x, y))
+
+
+def _grained(table: Table, anisotropy_x: float, anisotropy_y: float) -> Table:
+    """The table with a grain, whose unknowns are told in the world."""
+    along = math.atan2(anisotropy_y, anisotropy_x) / 2
+    grain = along - table.pose_world_from_table[2]
+    return table.replace(anisotropy=min(math.hypot(anisotropy_x, anisotropy_y), MOST_ANISOTROPY), grain=grain)
 
 
 def _back(scene: Scene, start: np.ndarray, end: np.ndarray) -> float:

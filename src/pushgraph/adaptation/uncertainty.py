@@ -21,7 +21,7 @@ TO_TAIL = 0.85
 def covariance(
     pushes: RealPushes,
     at: Linearized,
-    unknowns: Float[np.ndarray, "*pushes 7 7"],
+    unknowns: Float[np.ndarray, "*pushes 9 9"],
     further: Float[np.ndarray, "pushes 3"] | None = None,
 ) -> Float[np.ndarray, "pushes 3 3"]:
     """Covariance of the errors of motions (m, m, rad). unknowns: of their standard scores. further: variances of a

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-COUNT = 7
+COUNT = 9
 
 
 class Unknowns(NamedTuple):
@@ -16,7 +16,8 @@ class Unknowns(NamedTuple):
     uniform pressure has at a share s of the way from the centre to the outline stands at s ** concentration; 1:
     uniform, less: farther out. corner_share: share of the weight on the corners of the outline, if it has any.
     centre_x, centre_y: of pressure, from the outline's centroid, in the body's frame (m). probe_x, probe_y: how far the
-    probe is from where it is said to be, in the world (m).
+    probe is from where it is said to be, in the world (m). anisotropy_x, anisotropy_y: of the table's friction, times
+    cosine and sine of twice the direction of its grain in the world.
     """
 
     side_friction: float | np.ndarray = 0.2
@@ -26,15 +27,17 @@ class Unknowns(NamedTuple):
     centre_y: float | np.ndarray = 0.0
     probe_x: float | np.ndarray = 0.0
     probe_y: float | np.ndarray = 0.0
+    anisotropy_x: float | np.ndarray = 0.0
+    anisotropy_y: float | np.ndarray = 0.0
 
     @classmethod
-    def of(cls, scores: Float[np.ndarray, "*pushes 7"]) -> "Unknowns":
+    def of(cls, scores: Float[np.ndarray, "*pushes 9"]) -> "Unknowns":
         """From standard scores: how far each is from its nominal value, over its prior deviation."""
         away = np.moveaxis(np.clip(scores, -FARTHEST, FARTHEST) * DEVIATION, -1, 0)
         return cls(*(scale.back(scale.of(n) + a) for scale, n, a in zip(SCALES, NOMINAL, away, strict=True)))
 
     @property
-    def scores(self) -> Float[np.ndarray, "*pushes 7"]:
+    def scores(self) -> Float[np.ndarray, "*pushes 9"]:
         """The standard scores; see `of`."""
         values = zip(SCALES, map(np.asarray, self), NOMINAL, strict=True)
         return np.stack([scale.of(v) - scale.of(n) for scale, v, n in values], -1) / DEVIATION
@@ -53,14 +56,14 @@ FACTOR = Scale(np.log, np.exp, lambda value: value)
 SHARE = Scale(
     lambda value: np.log(value / (1 - value)), lambda at: 1 / (1 + np.exp(-at)), lambda value: value * (1 - value)
 )
-SCALES = (FACTOR, FACTOR, SHARE, LINEAR, LINEAR, LINEAR, LINEAR)
+SCALES = (FACTOR, FACTOR, SHARE, *6 * (LINEAR,))
 NOMINAL = Unknowns()
-DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3])
+DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3, 0.05, 0.05])
 """Of the priors, each on its scale: nobody who puts a probe to a part on a table knows these better without measuring
 them."""
 FARTHEST = 4.0
 """No unknown is farther from its nominal value (prior deviations)."""
-UNITS = ("", "", "", "mm", "mm", "mm", "mm")
+UNITS = ("", "", "", "mm", "mm", "mm", "mm", "", "")
 PROBE = slice(5, 7)
 """The unknowns of the probe, among all."""
 
@@ -68,8 +71,8 @@ PROBE = slice(5, 7)
 class Estimate(NamedTuple):
     """Standard scores of the unknowns, Gaussian: mean and covariance."""
 
-    mean: Float[np.ndarray, "7"]
-    covariance: Float[np.ndarray, "7 7"]
+    mean: Float[np.ndarray, "9"]
+    covariance: Float[np.ndarray, "9 9"]
 
     @classmethod
     def prior(cls) -> "Estimate":

@@ -59,12 +59,15 @@ class Nodes(NamedTuple):
 
 
 class Feet(NamedTuple):
-    """Where free pieces press on the table. weight: as a share, as masses are; radius: friction radius."""
+    """Where free pieces press on the table. weight: as a share, as masses are; radius: friction radius. metric: xx, xy
+    and yy of the matrix M that measures slides by d . M d, since friction may depend on their direction; see
+    `friction_metric`."""
 
     node: Int[Tensor, " feet"]
     arm: Float[Tensor, "2 feet"]
     weight: Float[Tensor, " feet"]
     radius: Float[Tensor, " feet"]
+    metric: Float[Tensor, "3 feet"]
 
 
 class Edges(NamedTuple):
@@ -287,7 +290,18 @@ def _feet(middle: State, reach: Reachable, nodes: Nodes, slot: Tensor) -> Feet:
     own = scenes.mass.flatten()[body] / _rows_sum(nodes, scenes.mass.flatten()[body], node)
     weight = own[:, None] * nodes.mass[node][:, None] * shares
     node = node[:, None].expand(weight.shape).reshape(-1)
-    return Feet(node, arm.reshape(2, -1), weight.reshape(-1), (radii / LEVER).reshape(-1))
+    metric = friction_metric(scenes.anisotropy.to(weight.dtype)).index_select(1, nodes.scene[node])
+    return Feet(node, arm.reshape(2, -1), weight.reshape(-1), (radii / LEVER).reshape(-1), metric)
+
+
+def friction_metric(anisotropy: Float[Tensor, "batch 2"]) -> Float[Tensor, "3 batch"]:
+    """xx, xy and yy of the square of the matrix that is 1 + a along the grain and 1 - a across it.
+
+    anisotropy: see SceneBatch.
+    """
+    a_x, a_y = anisotropy.unbind(-1)
+    even = 1 + a_x.square() + a_y.square()
+    return torch.stack((even + 2 * a_x, 2 * a_y, even - 2 * a_x))
 
 
 def _rows_sum(nodes: Nodes, values: Tensor, node: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 """Many scenes as tensors: what does not change while they are pushed."""
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar, cast
 
@@ -21,6 +22,7 @@ from pushgraph.scene import (
     NOMINAL_TABLE_FRICTION,
     JointFrame,
     Scene,
+    Table,
     place_joint,
 )
 from pushgraph.shape import rounded_boxes, simple
@@ -64,7 +66,8 @@ class SceneBatch(NamedTuple):
     group: index of the first body of a body's rigid group; its own, if it is in none. Unknown masses and frictions
     stand at their nominal values, with the flag off; what cannot move has FIXED_MASS. feet: where bodies press on the
     table. centre_of_mass: in the body's frame (m). gyration: mean squared distance of a body's mass from there (m^2).
-    tool_radius: distance of the tool's farthest point from its origin (m).
+    tool_radius: distance of the tool's farthest point from its origin (m). anisotropy: of the table's friction, times
+    cosine and sine of twice the direction of its grain in the world.
     """
 
     present: Bool[Tensor, "batch bodies"]
@@ -80,6 +83,7 @@ class SceneBatch(NamedTuple):
     yaw_known: Bool[Tensor, "batch bodies"]
     table_friction: Float[Tensor, " batch"]
     table_friction_known: Bool[Tensor, " batch"]
+    anisotropy: Float[Tensor, "batch 2"]
     side_friction: Float[Tensor, " batch"]
     side_friction_known: Bool[Tensor, " batch"]
     part_present: Bool[Tensor, "batch parts"]
@@ -175,10 +179,19 @@ def batch_scenes(scenes: Sequence[Scene], patches: Sequence[Mapping[int, BodyPat
         tool_radius=torch.tensor([scene.tool.reach for scene in scenes], dtype=torch.float32),
         table_friction=torch.tensor([NOMINAL_TABLE_FRICTION if f is None else f for f in table]),
         table_friction_known=torch.tensor([f is not None for f in table]),
+        anisotropy=torch.tensor([_anisotropy(scene.table) for scene in scenes]),
         side_friction=torch.tensor([NOMINAL_SIDE_FRICTION if f is None else f for f in side]),
         side_friction_known=torch.tensor([f is not None for f in side]),
         relations=_relations(scenes, bodies),
         **tensors,
+    )
+
+
+def _anisotropy(table: Table) -> tuple[float, float]:
+    """See SceneBatch."""
+    return (
+        table.anisotropy * math.cos(2 * table.grain_world),
+        table.anisotropy * math.sin(2 * table.grain_world),
     )
 
 

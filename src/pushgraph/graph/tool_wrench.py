@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pushgraph import pose
-from pushgraph.graph.contact_graph import GRAVITY
+from pushgraph.graph.contact_graph import GRAVITY, friction_metric
 from pushgraph.graph.scene_batch import SceneBatch
 from pushgraph.graph.state import STILL
 from pushgraph.track import FRAME
@@ -51,10 +51,13 @@ def wrench_on_tool(
     turn = motions[..., None, 2]
     slip_x, slip_y = motions[..., None, 0] - arms[..., 1] * turn, motions[..., None, 1] + arms[..., 0] * turn
     spin = scenes.feet.radii * turn
-    over = scenes.feet.shares / (slip_x.square() + slip_y.square() + spin.square() + LEAST_SLIP**2).sqrt()
+    m_xx, m_xy, m_yy = friction_metric(scenes.anisotropy.to(poses.dtype))[..., None, None]
+    along_x, along_y = m_xx * slip_x + m_xy * slip_y, m_xy * slip_x + m_yy * slip_y
+    squared = along_x * slip_x + along_y * slip_y + spin.square() + LEAST_SLIP**2
+    over = scenes.feet.shares / squared.sqrt()
     weight = mass * GRAVITY * scenes.table_friction.to(poses.dtype)[:, None]
-    friction_x, friction_y = (over * slip_x).sum(-1) * weight, (over * slip_y).sum(-1) * weight
-    torque = (over * (arms[..., 0] * slip_y - arms[..., 1] * slip_x + scenes.feet.radii * spin)).sum(-1) * weight
+    friction_x, friction_y = (over * along_x).sum(-1) * weight, (over * along_y).sum(-1) * weight
+    torque = (over * (arms[..., 0] * along_y - arms[..., 1] * along_x + scenes.feet.radii * spin)).sum(-1) * weight
     acceleration = (motions - last_motions) / FRAME**2
     force_x = friction_x + mass * acceleration[..., 0]
     force_y = friction_y + mass * acceleration[..., 1]

@@ -3,7 +3,7 @@
 The unknowns are the twists u of the free pieces, in the units of `pushgraph.graph.contact_graph`; forces are counted in
 mu_table g times the mass that may move in the scene. They balance where this energy has its minimum:
 
-    E(u) = sum_feet     w sqrt(|d|^2 + (rho omega)^2 + eps^2)         friction on the table; d: how a foot moves
+    E(u) = sum_feet     w sqrt(d . M d + (rho omega)^2 + eps^2)       friction on the table; d: how a foot moves
          + sum_pieces   1/2 c m (|v - v_last|^2 + k^2 (omega - omega_last)^2)     inertia; k^2: gyration
          + sum_contacts 1/2 K min(0, gap + n . d)^2                    no penetration; d: how the two sides part
          + sum_contacts mu N sqrt((t . d)^2 + eps^2)                   friction there
@@ -11,9 +11,9 @@ mu_table g times the mass that may move in the scene. They balance where this en
          + sum_tools    F sqrt((a . d)^2 + eps^2) + 1/2 K_j |a x d|^2 and the like     limited drives; d: off the plan
          - sum_contacts f . d                                          what the network corrects
 
-N is K max(0, -gap - n . d) of the last u. It is held while E is minimized and then taken anew, so that there is no
-dilation: friction is Coulomb's. Every term that acts between two pieces acts on their relative motion, so its forces
-are equal and opposite.
+M is the unit matrix, but on tables with a grain. N is K max(0, -gap - n . d) of the last u. It is held while E is
+minimized and then taken anew, so that there is no dilation: friction is Coulomb's. Every term that acts between two
+pieces acts on their relative motion, so its forces are equal and opposite.
 """
 
 from typing import NamedTuple
@@ -170,7 +170,7 @@ class Moment:
     def __init__(self, problem: ContactProblem, twist: Tensor, slip: float, secant: float) -> None:
         self.problem, self.twist, self.slip, self.secant = problem, twist, slip, secant
         self.sliding = foot_motion(problem.feet, twist)
-        self.foot_length = (sum_of_squares(self.sliding) + slip**2).rsqrt()
+        self.foot_length = (_square(problem.feet, self.sliding, self.sliding) + slip**2).rsqrt()
         self.inertial = problem.inertia * (twist - problem.last)
         x, y, turn = relative_motion(problem.points, twist)
         count = problem.contacts
@@ -202,20 +202,23 @@ class Moment:
         n_x, n_y = problem.normal
         # Feet.
         strength = feet.weight * self.foot_length
-        x, y, turn = self.sliding
+        m_xx, m_xy, m_yy = feet.metric
+        x, y = measured(feet, self.sliding)
+        turn = self.sliding[2]
         arm_x, arm_y = feet.arm
-        s_x, s_y = strength * arm_x, strength * arm_y
+        s_xx, s_xy, s_yy = strength * m_xx, strength * m_xy, strength * m_yy
+        s_xt, s_yt = s_xy * arm_x - s_xx * arm_y, s_yy * arm_x - s_xy * arm_y
         torque = arm_x * y - arm_y * x + feet.radius * turn
         less = self.secant * strength * self.foot_length.square()
         l_x, l_y = less * x, less * y
         rows = torch.stack(
             (
-                strength - l_x * x,
-                -l_x * y,
-                strength - l_y * y,
-                -s_y - l_x * torque,
-                s_x - l_y * torque,
-                s_x * arm_x + s_y * arm_y + strength * feet.radius.square() - less * torque.square(),
+                s_xx - l_x * x,
+                s_xy - l_x * y,
+                s_yy - l_y * y,
+                s_xt - l_x * torque,
+                s_yt - l_y * torque,
+                s_yt * arm_x - s_xt * arm_y + strength * feet.radius.square() - less * torque.square(),
                 strength * x,
                 strength * y,
                 strength * torque,
@@ -313,9 +316,10 @@ class Slope:
         problem = moment.problem
         self.moment = moment
         sliding = foot_motion(problem.feet, direction)
-        self.foot_now = sum_of_squares(moment.sliding) + moment.slip**2
-        self.foot_first = sum(a * b for a, b in zip(moment.sliding, sliding, strict=True))
-        self.foot_second = sum_of_squares(sliding)
+        feet = problem.feet
+        self.foot_now = _square(feet, moment.sliding, moment.sliding) + moment.slip**2
+        self.foot_first = _square(feet, moment.sliding, sliding)
+        self.foot_second = _square(feet, sliding, sliding)
         self.inertia_now = (moment.inertial * direction).sum(0)
         self.inertia_more = (problem.inertia * direction.square()).sum(0)
         x, y, turn = relative_motion(problem.points, direction)
@@ -378,7 +382,14 @@ def foot_motion(feet: Feet, twist: Float[Tensor, "3 nodes"]) -> tuple[Tensor, Te
     return x - feet.arm[1] * turn, y + feet.arm[0] * turn, feet.radius * turn
 
 
-def sum_of_squares(vector: tuple[Tensor, ...]) -> Tensor:
-    """Squared lengths."""
-    x, y, z = vector
-    return x * x + y * y + z * z
+def measured(feet: Feet, sliding: tuple[Tensor, Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """M d: the direction of friction, x and y."""
+    m_xx, m_xy, m_yy = feet.metric
+    x, y, _ = sliding
+    return m_xx * x + m_xy * y, m_xy * x + m_yy * y
+
+
+def _square(feet: Feet, one: tuple[Tensor, Tensor, Tensor], other: tuple[Tensor, Tensor, Tensor]) -> Tensor:
+    """d . M d' of two slides, and what their spins add."""
+    x, y = measured(feet, one)
+    return x * other[0] + y * other[1] + one[2] * other[2]

@@ -14,11 +14,14 @@ GRID = 10
 
 
 class OwnFrame:
-    """The frame of the scene's first body by name, as the scene places it."""
+    """The frame of the scene's first body by name, as the scene places it; on a table with a grain, turned along
+    that."""
 
     def __init__(self, scene: Scene) -> None:
         first = min(scene.bodies, key=lambda body: body.name)
         self._pose_world_from_own = np.array(first.pose_world_from_body, dtype=float)
+        if scene.table.anisotropy:
+            self._pose_world_from_own[2] = scene.table.grain_world
         self._pose_own_from_world = pose.inverse(self._pose_world_from_own)
 
     def scene(self, scene: Scene) -> Scene:

@@ -5,9 +5,10 @@ cannot lift or hop. Joints are kinematic trees of pieces, so they do not drift; 
 light copy of its child, which a constraint ties to the child.
 
 A piece stands on feet that are sunk into the table. Since nothing moves vertically, a foot presses with the same force
-at all times, and its friction is Coulomb's with a known bound, isotropic and independent of the motion. MuJoCo's
-contacts couple pressure to slip (a body on a vertical slide hops while it slides); here the pressure is large and the
-coefficient small, their product being the friction wanted, so that the coupling vanishes.
+at all times, and its friction is Coulomb's with a known bound, independent of the motion; isotropic, but on a table
+with a grain, which lies along x here. MuJoCo's contacts couple pressure to slip (a body on a vertical slide hops while
+it slides); here the pressure is large and the coefficient small, their product being the friction wanted, so that the
+coupling vanishes.
 """
 
 import math
@@ -89,6 +90,7 @@ class PlanarModel(NamedTuple):
         sides = model.geom_contype == SIDES
         model.geom_solref[sides, 0] = 2 * seconds
         model.geom_solref[model.geom_conaffinity == TABLE, 1] = -FOOT_IMPEDANCE / seconds
+        model.pair_solref[:, 1] = -FOOT_IMPEDANCE / seconds
         model.jnt_solref[:, 0] = 2 * seconds
         model.eq_solref[:, 0] = 2 * seconds
 
@@ -117,7 +119,7 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     original, scene = scene, _in_order_of_names(scene)
     spec = _empty_spec()
     world = spec.worldbody
-    world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=TABLE, conaffinity=0)
+    world.add_geom(name=_TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], contype=TABLE, conaffinity=0)
     assembly = assemble(scene)
     frames: dict[int, _Frame] = {}
     feet: list[_Foot] = []
@@ -130,7 +132,11 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
             inertia = mass_properties(members)
             frames[piece] = _add_frame(upper, inertia, _piece_name(piece))
             _add_joints(scene, assembly, piece, joint, frames[piece])
-            feet += _add_feet(piece, feet_of_piece(members), frames[piece], frictions.table * inertia.mass * GRAVITY)
+            borne = frictions.table * inertia.mass * GRAVITY
+            own = _add_feet(piece, feet_of_piece(members), frames[piece], borne)
+            if scene.table.anisotropy:
+                _pair_with_table(spec, own)
+            feet += own
         for body in assembly.pieces[piece].bodies:
             _add_link(scene, body, frames[piece], frictions.sides)
     for joint in assembly.loops:
@@ -145,7 +151,7 @@ def build(scene: Scene, clutch: bool = False) -> PlanarModel:
     links = [model.body(link_name(body)).id for body in range(len(scene.bodies))]
     # Links have no mass of their own; what a contact weighs is their piece.
     model.body_invweight0[links] = model.body_invweight0[model.body_parentid[links]]
-    _press_feet(model, feet)
+    _press_feet(model, feet, scene.table.anisotropy)
     robot_joint = model.joint(int(model.body(_CARRIAGE).jntadr[0]))
     count = 6 if clutch else 4
     first_position, first_velocity = int(robot_joint.qposadr[0]), int(robot_joint.dofadr[0])
@@ -163,7 +169,7 @@ def link_name(body: int) -> str:
     return f"link {body}"
 
 
-_CARRIAGE = "carriage"
+_CARRIAGE, _TABLE = "carriage", "table"
 _AT_ONE_PLACE = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0] + [1.0, 0.0]
 """MuJoCo's data of a weld of bodies whose frames coincide: anchor, relative position and quaternion, torque scale."""
 
@@ -320,6 +326,19 @@ def _add_feet(piece: int, feet: Feet, frame: _Frame, friction: float) -> list[_F
     return added
 
 
+def _pair_with_table(spec: mujoco.MjSpec, feet: list[_Foot]) -> None:
+    """Only in pairs that are named can a contact have two frictions."""
+    for foot in feet:
+        spec.add_pair(
+            name=foot.name,
+            geomname1=_TABLE,
+            geomname2=foot.name,
+            condim=4,
+            solref=[-FOOT_STIFFNESS * FOOT_IMPEDANCE, -FOOT_IMPEDANCE / TIMESTEP],
+            solimp=_constant_impedance(FOOT_IMPEDANCE),
+        )
+
+
 def feet_of_piece(members: list[Body]) -> Feet:
     """The feet of a piece, in the world. They are found in the frame of its first body, so that they stand alike in
     every scene that holds it."""
@@ -334,7 +353,7 @@ def feet_of_piece(members: list[Body]) -> Feet:
     return feet._replace(points=pose.transform(pose_world_from_first, feet.points))
 
 
-def _press_feet(model: mujoco.MjModel, feet: list[_Foot]) -> None:
+def _press_feet(model: mujoco.MjModel, feet: list[_Foot], anisotropy: float) -> None:
     """Sink each foot so deep that it presses as hard as its coefficient is small: their product is its friction.
 
     With impedance d, a contact that is sunk by z where nothing moves vertically presses with inertia * acceleration:
@@ -351,6 +370,10 @@ def _press_feet(model: mujoco.MjModel, feet: list[_Foot]) -> None:
         coefficient = friction / (inertia * acceleration)
         model.geom_friction[foot] = [coefficient, coefficient * radius, 0]
         model.geom_pos[foot, 2] = FOOT_RADIUS - acceleration / FOOT_STIFFNESS
+        if anisotropy:
+            # The first tangent of such a contact is the table's y, the second its x.
+            two = [coefficient * (1 - anisotropy), coefficient * (1 + anisotropy)]
+            model.pair_friction[model.pair(name).id] = [*two, coefficient * radius, 0, 0]
 
 
 def _close_loop(spec: mujoco.MjSpec, scene: Scene, assembly: Assembly, joint: Joint, frames: dict[int, _Frame]) -> None:

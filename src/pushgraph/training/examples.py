@@ -99,6 +99,7 @@ def mirror_scenes(scenes: SceneBatch, sign: Float[Tensor, " batch"]) -> SceneBat
         pose_tool_from_part=mirror(scenes.pose_tool_from_part, sign),
         feet=scenes.feet._replace(points=points(scenes.feet.points)),
         centre_of_mass=points(scenes.centre_of_mass),
+        anisotropy=points(scenes.anisotropy),
         relations=old._replace(
             anchor_a=points(old.anchor_a),
             anchor_b=points(old.anchor_b),

@@ -1,6 +1,7 @@
 """What the colours and marks of a drawing mean, and what is known of masses and frictions, as HTML."""
 
 import html
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -85,7 +86,11 @@ def _frictions(scene: Scene, history: BeliefHistory | None, time: float) -> list
     deviation = np.eye(COUNT)[Unknowns._fields.index("side_friction")]
     prior = np.asarray(Unknowns.of(np.array([-deviation, deviation])).side_friction)
     between = _assumed(NOMINAL_SIDE_FRICTION, prior) if sides is None else f"{sides:g}"
-    return [("friction of the table", told), ("between bodies", between)]
+    grain = []
+    if scene.table.anisotropy:
+        along = f"{scene.table.anisotropy:.0%} more along {math.degrees(scene.table.grain_world) % 180:.0f} degrees"
+        grain = [("its grain", along)]
+    return [("friction of the table", told), *grain, ("between bodies", between)]
 
 
 def _assumed(nominal: float, interval: Float[np.ndarray, "2"], unit: str = "") -> str:

@@ -14,8 +14,9 @@ def save_curve(curve: Sequence[Mapping[str, int | float]], number: str, label: s
     minutes = [row["seconds"] / 60 for row in curve]
     panels = (("loss", "loss"), (number, f"validation: {label}"))
     for axes, (name, label) in zip(figure.subplots(1, 2), panels, strict=True):
-        axes.plot(minutes, [row[name] for row in curve], marker=".")
-        axes.set(xlabel="minutes", ylabel=label, yscale="log")
+        values = [row[name] for row in curve]
+        axes.plot(minutes, values, marker=".")
+        axes.set(xlabel="minutes", ylabel=label, yscale="log" if min(values) > 0 else "linear")
         axes.grid(alpha=0.3, which="both")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)

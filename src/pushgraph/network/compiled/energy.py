@@ -87,17 +87,20 @@ def _add_node(k, node, feet, foot, count, system, slip):
     u_x, u_y, u_turn = system.twist[k, 0], system.twist[k, 1], system.twist[k, 2]
     while foot < count and feet[foot].node == k:
         arm_x, arm_y, radius = feet[foot].arm_x, feet[foot].arm_y, feet[foot].radius
-        x, y, turn = u_x - arm_y * u_turn, u_y + arm_x * u_turn, radius * u_turn
-        over = 1 / math.sqrt(x * x + y * y + turn * turn + slip * slip)
+        m_xx, m_xy, m_yy = feet[foot].m_xx, feet[foot].m_xy, feet[foot].m_yy
+        d_x, d_y, turn = u_x - arm_y * u_turn, u_y + arm_x * u_turn, radius * u_turn
+        x, y = m_xx * d_x + m_xy * d_y, m_xy * d_x + m_yy * d_y
+        over = 1 / math.sqrt(x * d_x + y * d_y + turn * turn + slip * slip)
         strength = feet[foot].weight * over
         less = SECANT * strength * over * over
         twist = arm_x * y - arm_y * x + radius * turn
-        xx += strength - less * x * x
-        xy -= less * x * y
-        yy += strength - less * y * y
-        xt -= strength * arm_y + less * x * twist
-        yt += strength * arm_x - less * y * twist
-        tt += strength * (arm_x * arm_x + arm_y * arm_y + radius * radius) - less * twist * twist
+        m_xt, m_yt = m_xy * arm_x - m_xx * arm_y, m_yy * arm_x - m_xy * arm_y
+        xx += strength * m_xx - less * x * x
+        xy += strength * m_xy - less * x * y
+        yy += strength * m_yy - less * y * y
+        xt += strength * m_xt - less * x * twist
+        yt += strength * m_yt - less * y * twist
+        tt += strength * (m_yt * arm_x - m_xt * arm_y + radius * radius) - less * twist * twist
         force_x += strength * x
         force_y += strength * y
         torque += strength * twist
@@ -259,8 +262,9 @@ def slope(graph: Graph, counts: Counts, system: System, slip: float, length: flo
         x, y, turn = foot_motion(foot, system.twist)
         d_x, d_y, d_turn = foot_motion(foot, system.direction)
         x, y, turn = x + length * d_x, y + length * d_y, turn + length * d_turn
-        squared = x * x + y * y + turn * turn + slip * slip
-        total += foot.weight * (x * d_x + y * d_y + turn * d_turn) / math.sqrt(squared)
+        m_x, m_y = foot.m_xx * x + foot.m_xy * y, foot.m_xy * x + foot.m_yy * y
+        squared = m_x * x + m_y * y + turn * turn + slip * slip
+        total += foot.weight * (m_x * d_x + m_y * d_y + turn * d_turn) / math.sqrt(squared)
     for k in range(counts.contacts):
         contact = graph.contacts[k]
         if contact.grip > 0.0:

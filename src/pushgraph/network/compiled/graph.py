@@ -75,6 +75,7 @@ def _weigh(scenes, scene, graph, nodes, length, could_push):
         node.last_turn *= frames * LEVER / length
     feet, total = 0, max(total, could_push, 1e-9)
     points, shares, radii = scenes.feet_points[scene], scenes.feet_shares[scene], scenes.feet_radii[scene]
+    metric = scenes.metric[scene]
     for k in range(nodes):
         node = graph.nodes[k]
         if node.given or node.is_tool:
@@ -94,6 +95,7 @@ def _weigh(scenes, scene, graph, nodes, length, could_push):
                 foot.arm_y = (body.y - node.y + sin * own_x + cos * own_y) / LEVER
                 foot.weight = body.mass / total * shares[member, at]
                 foot.radius = radii[member, at] / LEVER
+                foot.m_xx, foot.m_xy, foot.m_yy = metric[0], metric[1], metric[2]
                 feet += 1
     return feet, total
 
