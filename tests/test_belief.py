@@ -159,18 +159,40 @@ def test_a_pause_changes_no_belief_whatever_the_camera_s_noise(ours, tracks) -> 
     last, rest, lifted = bodies[:, -1], (tool[:, -1], torch.zeros_like(down[:, -1])), seen[:, -1]
     for _ in range(5):  # coasting ends, and its last frame is fitted
         watch = ours.observe(watch, last, *rest, lifted)
+    before = watch
+    for _ in range(70):  # how sure the places are where bodies rest is the only news
+        watch = ours.observe(watch, last, *rest, lifted)
+    assert (ours.probabilities(watch) - ours.probabilities(before)).abs().max() < 0.03
+    assert torch.equal(watch.relations[..., : ours.network.hidden], before.relations[..., : ours.network.hidden])
     clean = noisy = watch
     generator = torch.Generator().manual_seed(0)
     for _ in range(40):
         clean = ours.observe(clean, last, *rest, lifted)
         noise = torch.randn(last.shape, generator=generator, dtype=last.dtype) * 5e-4
         noisy = ours.observe(noisy, last + noise, *rest, lifted)
-    torch.testing.assert_close(ours.probabilities(clean), ours.probabilities(watch), atol=1e-6, rtol=0)
+    # That a camera has no noise becomes surer still.
+    torch.testing.assert_close(ours.probabilities(clean), ours.probabilities(watch), atol=2e-4, rtol=0)
     recurrent = ours.network.hidden
     for paused in (clean, noisy):  # only what the last frame told is refreshed
         assert torch.equal(paused.objects, watch.objects)
         assert torch.equal(paused.relations[..., :recurrent], watch.relations[..., :recurrent])
     assert not torch.equal(noisy.relations, watch.relations)
+
+
+def test_a_place_is_as_sure_as_the_sightings_that_it_is_the_mean_of(ours) -> None:
+    scene = Scene(bodies=(body("a", 0.0, 0.0), body("b", 0.125, 0.0)))
+    batch, beside = unaware(batch_scenes([scene])), torch.full((1, 3), 9.0, dtype=torch.float64)
+    poses, down = torch.tensor(scene.poses_world_from_body[None]), torch.tensor([True])
+    seen = torch.ones(poses.shape[:2], dtype=torch.bool)
+    view, _ = first_look(batch, poses, beside, down, seen)
+    for frame in range(1, 100):
+        view, told = look(view, poses, beside, down, seen)
+        assert float(told.resting) == float(view.fits.rested) == pytest.approx(min(frame + 1, 64))
+    poses = poses + torch.tensor([[[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]])
+    for _ in range(5):  # one strays; what was before is as sure as it was
+        view, told = look(view, poses, beside, down, seen)
+    assert float(view.fits.rested) == 64
+    assert 1 < float(told.resting) < 10
 
 
 def test_memory_does_not_grow(ours, tracks) -> None:

@@ -8,9 +8,9 @@ import torch
 
 from pushgraph import pose
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.joint_fit import FIRST_COUNT, MEASURED, JointFits, RelativeMotion
+from pushgraph.graph.camera_noise import CameraNoise
+from pushgraph.graph.joint_fit import FIRST_COUNT, MEASURED, JointFits, Misfit, RelativeMotion
 from pushgraph.graph.scene_batch import Relations
-from pushgraph.graph.watching import CameraNoise
 
 ANCHOR_A, ANCHOR_B, OFFSET = (0.05, 0.01), (-0.06, 0.02), 0.4
 
@@ -115,12 +115,65 @@ def test_the_anchor_is_as_uncertain_as_the_fit_says() -> None:
     assert 0.7 < np.std(errors) / np.mean(spreads) < 1.3
 
 
+RESTED, DRAWS = 5.0, 400
+POSITION_NOISE, YAW_NOISE = 0.001, 0.009
+
+
+def misfit(clean: np.ndarray) -> Misfit:
+    """Of DRAWS pairs that a camera watches; the place where each memory began is the mean of RESTED sightings."""
+    rng = np.random.default_rng(3)
+    size = np.array([POSITION_NOISE, POSITION_NOISE, YAW_NOISE])
+    moved = torch.ones(DRAWS, 1, dtype=torch.bool)
+    # What is wrong with where b was taken to begin is wrong with all drifts.
+    begun = rng.normal(size=(DRAWS, 3)) * size * math.sqrt(2 / RESTED)
+    fits = JointFits.begin(moved)._replace(rested=torch.full((DRAWS, 1), RESTED, dtype=torch.float64))
+    parent = np.zeros(3)
+    for relative in clean:
+        seen = np.stack((np.zeros((DRAWS, 3)), pose.compose(parent, relative) + begun), 1)
+        seen += rng.normal(size=seen.shape) * size
+        last = fits, RelativeMotion.of(one_pair(), torch.tensor(seen))
+        fits = fits.observe(last[1], moved)
+    levers = sum(x * x for x in (*ANCHOR_A, *ANCHOR_B))
+    drift_noise = torch.full((DRAWS, 1), math.sqrt(2 * POSITION_NOISE**2 + levers / 2 * YAW_NOISE**2))
+    turn_noise = torch.full((DRAWS, 1), math.sqrt(2) * YAW_NOISE)
+    line = torch.full((DRAWS, 1), 1j, dtype=torch.complex128)
+    return last[0].misfit(last[1], torch.ones(DRAWS, 1), drift_noise, turn_noise, line)
+
+
+def test_what_noise_explains_is_about_one_standard_deviation_off() -> None:
+    off = misfit(np.repeat(first_pose_a_from_b()[None], 40, 0))
+    for name in ("fixed_drift", "fixed_turn", "hinge", "slider"):
+        values = getattr(off, name)
+        assert abs(float(values.mean())) < 0.6, name
+        assert 0.6 < float(values.std()) < 1.6, name
+    for name in ("mean_turn", "recent_turn", "turn"):  # absolute values of standard normal numbers
+        assert 0.6 < float(getattr(off, name).square().mean()) < 1.5, name
+    for name in ("mean_drift", "recent_drift", "drift"):  # lengths of standard normal vectors
+        assert 1.2 < float(getattr(off, name).square().mean()) < 3.0, name
+
+
+@pytest.mark.parametrize("joint", ["revolute", "prismatic"])
+def test_a_joint_that_moved_a_little_fits_and_fixed_does_not(joint: str) -> None:
+    if joint == "revolute":
+        places = swung((0.0, 0.03), np.linspace(0, 0.1, 40))
+    else:
+        places = np.repeat(first_pose_a_from_b()[None], 40, 0)
+        places[:, :2] += np.outer(np.linspace(0, 0.006, 40), (0.6, 0.8))
+    off = misfit(places)
+    turns = off.fixed_turn, off.mean_turn, off.recent_turn
+    drifts = off.fixed_drift, off.mean_drift, off.recent_drift
+    fits, others = (off.hinge, turns) if joint == "revolute" else (off.slider, drifts)
+    assert abs(float(fits.mean())) < 1
+    for other in others:
+        assert float(other.mean()) > 3
+
+
 def test_the_camera_s_noise_is_found_from_what_rests() -> None:
     rng = np.random.default_rng(1)
     size = np.array([0.001, 0.001, 0.009])
     places = torch.tensor(rng.uniform(-1, 1, (2, 5, 3)))
     yaw_known = torch.tensor([[True, True, True, True, False]] * 2)
-    noise = CameraNoise(*[torch.zeros(2, 2, dtype=torch.float64)] * 2)
+    noise = CameraNoise.begin(places)
     assert noise.spread.tolist() == [[0, 0], [0, 0]]
     mean, rested = places + torch.tensor(rng.normal(size=(2, 5, 3)) * size), torch.ones(2, 5, dtype=torch.float64)
     for _ in range(200):
@@ -128,8 +181,25 @@ def test_the_camera_s_noise_is_found_from_what_rests() -> None:
         seen[0, 1] += 0.3  # moves: it does not rest
         seen[:, 4, 2] += 1.0  # turns, as far as one can see
         rests = rested * torch.tensor([[1, 0, 1, 1, 1], [1, 1, 1, 1, 1]])
-        noise = noise.observe(seen - mean, rests, yaw_known)
+        noise = noise.observe_rest(seen - mean, rests, yaw_known)
         rested = rested + 1
         mean = mean + (seen - mean) / rested[..., None]
         mean[0, 1] = places[0, 1]
     np.testing.assert_allclose(noise.spread.numpy(), [[0.001, 0.009]] * 2, rtol=0.08)
+
+
+def test_the_camera_s_noise_is_found_where_nothing_rests() -> None:
+    rng = np.random.default_rng(4)
+    size = np.array([0.001, 0.001, 0.009])
+    yaw_known = torch.tensor([[True, True, True, True, False]])
+    moves = torch.tensor([[True, True, True, True, True]])
+    steps = np.arange(42)[:, None, None]
+    seen = rng.uniform(-1, 1, (5, 3)) + steps * rng.uniform(-0.01, 0.01, (5, 3)) + rng.normal(size=(42, 5, 3)) * size
+    seen[20:, 0, 0] += 0.004 * np.arange(22) ** 2  # one is pushed on faster and faster
+    seen[:, 4, 2] = 0.0  # shows no yaw
+    noise = CameraNoise.begin(torch.tensor(seen[:1]))
+    for bend in torch.tensor(np.diff(seen, n=2, axis=0)):
+        noise = noise.observe_bends(bend[None], moves, yaw_known)
+    np.testing.assert_allclose(noise.spread.numpy(), [[0.001, 0.009]], rtol=0.25)
+    unseen = noise.observe_bends(torch.zeros(1, 5, 3, dtype=torch.float64), torch.zeros_like(moves), yaw_known)
+    assert (unseen.spread == noise.spread).all()

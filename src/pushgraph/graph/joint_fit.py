@@ -30,7 +30,18 @@ ANCHOR_SPREAD = 0.05
 AXIS_PULL = 0.002
 """Sliders are taken to slide along the line of centres until the drift has spread by about this much (m)."""
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
-CONSTANTS = {"first_count": FIRST_COUNT, "measured": MEASURED, "anchor_spread": ANCHOR_SPREAD, "axis_pull": AXIS_PULL}
+RECENT = 6.0
+"""Recent motion is a running mean: the last frame counts as one of so many."""
+FINEST = 5e-5
+"""The least noise that is expected (m), of turns at LEVER: joints give way by about as much."""
+CONSTANTS = {
+    "first_count": FIRST_COUNT,
+    "measured": MEASURED,
+    "anchor_spread": ANCHOR_SPREAD,
+    "axis_pull": AXIS_PULL,
+    "recent": RECENT,
+    "finest": FINEST,
+}
 """What features made of fits depend on."""
 
 
@@ -88,11 +99,32 @@ class SliderFit(NamedTuple):
         return ((motion.drift - self.centre) * self.axis.conj()).imag
 
 
+class Misfit(NamedTuple):
+    """How much farther off each joint is than a camera's noise explains: standard deviations of what noise gives.
+
+    fixed_drift, fixed_turn, hinge, slider: of the sums of squares that the fits leave. mean_drift, mean_turn: of the
+    means since the pair moved; recent_drift, recent_turn: of running means; drift, turn: in the last frame.
+    """
+
+    fixed_drift: Float[Tensor, "batch pairs"]
+    fixed_turn: Float[Tensor, "batch pairs"]
+    hinge: Float[Tensor, "batch pairs"]
+    slider: Float[Tensor, "batch pairs"]
+    mean_drift: Float[Tensor, "batch pairs"]
+    mean_turn: Float[Tensor, "batch pairs"]
+    recent_drift: Float[Tensor, "batch pairs"]
+    recent_turn: Float[Tensor, "batch pairs"]
+    drift: Float[Tensor, "batch pairs"]
+    turn: Float[Tensor, "batch pairs"]
+
+
 class JointFits(NamedTuple):
     """Sums over the frames in which either body of a pair moved.
 
     frames: how many. turn: of exp(i t). drift: of d. turned_back: of exp(-i t) d. squared: of d^2. square: of |d|^2.
     lowest_turn, highest_turn: of t (rad). first_drift, last_drift: the two d that are farthest apart along the line.
+    rested: frames that the place where the memory began is the mean of. recent_drift, recent_angle: running means of
+    d and t (rad).
     """
 
     frames: Float[Tensor, "batch pairs"]
@@ -105,14 +137,20 @@ class JointFits(NamedTuple):
     highest_turn: Float[Tensor, "batch pairs"]
     first_drift: Complex[Tensor, "batch pairs"]
     last_drift: Complex[Tensor, "batch pairs"]
+    rested: Float[Tensor, "batch pairs"]
+    recent_drift: Complex[Tensor, "batch pairs"]
+    recent_angle: Float[Tensor, "batch pairs"]
 
     @classmethod
     def begin(cls, pairs: Bool[Tensor, "batch pairs"]) -> "JointFits":
         """Of pairs that have not moved; only the shape of `pairs` matters."""
         none = torch.zeros(pairs.shape, dtype=torch.float64, device=pairs.device)
         first = torch.full_like(none, FIRST_COUNT)
-        nowhere = none.to(torch.complex128)
-        return cls(first, first + nowhere, nowhere, nowhere, nowhere, none, none, none, nowhere, nowhere)
+        nowhere, one = none.to(torch.complex128), torch.ones_like(none)
+        return cls(
+            *(first, first + nowhere, nowhere, nowhere, nowhere, none, none, none, nowhere, nowhere),
+            *(one, nowhere, none),
+        )
 
     def observe(self, motion: RelativeMotion, moved: Bool[Tensor, "batch pairs"]) -> "JointFits":
         """One frame more of the pairs that moved."""
@@ -138,6 +176,9 @@ class JointFits(NamedTuple):
             torch.where(moved, torch.maximum(self.highest_turn, motion.angle), self.highest_turn),
             torch.where(moved & (place < low), motion.drift, first_drift),
             torch.where(moved & (place > high), motion.drift, last_drift),
+            self.rested,
+            self.recent_drift + on * (motion.drift - self.recent_drift) / RECENT,
+            self.recent_angle + on * (motion.angle - self.recent_angle) / RECENT,
         )
 
     @property
@@ -173,6 +214,47 @@ class JointFits(NamedTuple):
         elongation = (scatter * axis.conj().square()).real
         along, across = ((size + sign * elongation).clamp(min=0).div(2).sqrt() for sign in (1, -1))
         return SliderFit(centre, axis, along, across)
+
+    def misfit(
+        self,
+        motion: RelativeMotion,
+        resting: Float[Tensor, "batch pairs"],
+        drift_noise: Float[Tensor, "batch pairs"],
+        turn_noise: Float[Tensor, "batch pairs"],
+        line: Complex[Tensor, "batch pairs"],
+    ) -> Misfit:
+        """What a camera's noise does not explain of what was seen before the last frame, and of this.
+
+        motion: in the last frame. resting: frames that it is the mean of. drift_noise (m), turn_noise (rad): standard
+        deviations of either coordinate of the drift, and of the turn, in one frame. line: see `slider`.
+        """
+        moved = self.frames - FIRST_COUNT
+        begun = self.rested - FIRST_COUNT
+        # The place where the memory began is as sure as the frames that it is the mean of.
+        whole = self._replace(frames=self.frames + begun, turn=self.turn + begun)
+        drift_square, turn_square = drift_noise.square(), turn_noise.square()
+
+        def excess(squares: Tensor, free: Tensor) -> Tensor:
+            return (squares - free) / (2 * free.clamp(min=1)).sqrt()
+
+        scatter = self.square - self.drift.abs().square() / whole.frames
+        spread = whole.frames - whole.turn.abs().square() / whole.frames
+        across = whole.slider(line).across
+        mean = (1 / moved.clamp(min=1) + 1 / self.rested).sqrt()
+        recent = (1 / (2 * RECENT - 1) + 1 / self.rested).sqrt()
+        last = (1 / resting + 1 / self.rested).sqrt()
+        return Misfit(
+            excess(scatter / drift_square, 2 * moved),
+            excess(spread / turn_square, moved),
+            excess(whole.hinge().residual.square() * whole.frames / drift_square, (2 * moved - 2).clamp(min=0)),
+            excess(across.square() * whole.frames / drift_square, (moved - 1).clamp(min=0)),
+            self.drift.abs() / moved.clamp(min=1) / (drift_noise * mean),
+            (self.turn - FIRST_COUNT).angle().abs() * (moved > 0) / (turn_noise * mean),
+            self.recent_drift.abs() / (drift_noise * recent),
+            self.recent_angle.abs() / (turn_noise * recent),
+            motion.drift.abs() / (drift_noise * last),
+            motion.angle.abs() / (turn_noise * last),
+        )
 
     @property
     def turn_range(self) -> Float[Tensor, "batch pairs"]:

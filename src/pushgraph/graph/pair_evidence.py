@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from pushgraph.graph import joint_fit
+from pushgraph.graph import camera_noise, joint_fit
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.joint_fit import turning
+from pushgraph.graph.joint_fit import FINEST, Misfit, turning
 from pushgraph.graph.scene_batch import pairs_of
-from pushgraph.graph.watching import Frame
+from pushgraph.graph.watching import LONGEST_REST, Frame
 from pushgraph.pose import as_complex, wrap_angle
 
 FINE = 0.001
@@ -30,8 +30,10 @@ FEATURES = (
     *("slider_across", "slider_along", "slider_deviation", "slider_deviating"),
     *("slider_line_x", "slider_line_y", "hinge_spread", "frames_moved"),
     *("noise_position", "noise_yaw"),
+    *(f"{what}_misfit" for what in Misfit._fields),
+    *("frames_rested", "frames_resting"),
 )
-CONSTANTS = {"fine": FINE, "lever": LEVER} | joint_fit.CONSTANTS
+CONSTANTS = {"fine": FINE, "lever": LEVER, "longest_rest": LONGEST_REST} | camera_noise.CONSTANTS | joint_fit.CONSTANTS
 """What the weights depend on beside the features' names."""
 
 
@@ -109,8 +111,23 @@ def pair_evidence(
         of_pair[:, :, None].expand(-1, -1, 2, -1),
         _fit_evidence(frame, axis[..., 0].to(torch.complex128)).float(),
         noise.asinh()[:, None, None].expand(*fine.shape[:3], -1),
+        _misfit_evidence(frame, axis[..., 0].to(torch.complex128)).float()[:, :, None].expand(-1, -1, 2, -1),
     )
     return torch.cat(columns, -1)
+
+
+def _misfit_evidence(
+    frame: Frame, axis: Complex[Tensor, "batch pairs"]
+) -> Float[Tensor, "batch pairs misfit_features"]:
+    """What the camera's noise does not explain, and of how many frames it is the mean. axis: see `_fit_evidence`."""
+    relations, fits = frame.after.relations, frame.fits
+    spread = frame.noise.spread.double()
+    position, yaw = (spread.square() + (FINEST / spread.new_tensor([1, LEVER])).square()).unbind(-1)
+    levers = (relations.anchor_a.double().square() + relations.anchor_b.double().square()).sum(-1)
+    drift_noise = (2 * position[:, None] + levers / 2 * yaw[:, None]).sqrt()
+    turn_noise = (2 * yaw).sqrt()[:, None].expand_as(drift_noise)
+    misfit = fits.misfit(frame.relative, frame.resting, drift_noise, turn_noise, axis)
+    return torch.stack((*(off.asinh() for off in misfit), fits.rested.log(), frame.resting.log()), -1)
 
 
 def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:

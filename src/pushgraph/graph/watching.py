@@ -13,44 +13,20 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.graph.broad_phase import reachable
+from pushgraph.graph.camera_noise import CameraNoise
 from pushgraph.graph.joint_fit import JointFits, RelativeMotion
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
 
 COASTING = 2
 """Frames in which a body may still move after nothing reaches it any more."""
+LONGEST_REST = 64.0
+"""Places that are means of more frames count as means of so many: longer pauses change nothing."""
 STRAY = 0.005
 """A body this far from where it rests (m) has moved, whatever the tool's pose says."""
 
 
 InReach = Callable[[State, Control], Bool[Tensor, "batch bodies"]]
-
-
-class CameraNoise(NamedTuple):
-    """How far bodies at rest were seen from the mean of where they had been seen before: the noise of the camera.
-
-    squares: sums over sightings, of x and y together (m^2) and of yaw (rad^2). counts: how many numbers those are of.
-    """
-
-    squares: Float[Tensor, "batch 2"]
-    counts: Float[Tensor, "batch 2"]
-
-    def observe(
-        self, away: Float[Tensor, "batch bodies 3"], rested: Float[Tensor, "batch bodies"], yaw_known: Tensor
-    ) -> "CameraNoise":
-        """One sighting more of bodies at rest. away: from their mean so far. rested: of how many frames that is the
-        mean; zero for those that do not rest."""
-        # A mean of n frames has itself the n-th part of their variance.
-        weight = (rested / (rested + 1))[..., None] * away.square()
-        squares = torch.stack((weight[..., :2].sum((1, 2)), (weight[..., 2] * yaw_known).sum(1)), -1)
-        rests = (rested > 0).to(away.dtype)
-        counts = torch.stack((2 * rests.sum(1), (rests * yaw_known).sum(1)), -1)
-        return CameraNoise(self.squares + squares, self.counts + counts)
-
-    @property
-    def spread(self) -> Float[Tensor, "batch 2"]:
-        """Standard deviation of either coordinate of a position (m), and of a yaw (rad); zero before it is known."""
-        return (self.squares / self.counts.clamp(min=1)).sqrt()
 
 
 class View(NamedTuple):
@@ -59,8 +35,8 @@ class View(NamedTuple):
     tool: pose_world_from_tool. tool_motion: how it changed in the frame before. first: where bodies were first seen.
     adjacent_at_first: pairs that were adjacent in the first frame. A body out of sight stays where it was last seen.
     unreached: frames since a body could last be reached. rested: frames that its pose is the mean of. untouched: bodies
-    that have rested since the first frame. fits: of the joints of all pairs, to what was seen so far. noise: of the
-    camera.
+    that have rested since the first frame. moving: bodies whose last motion is the difference of two sightings. fits:
+    of the joints of all pairs, to what was seen so far. noise: of the camera.
     """
 
     state: State
@@ -74,6 +50,7 @@ class View(NamedTuple):
     unreached: Int[Tensor, "batch bodies"]
     rested: Float[Tensor, "batch bodies"]
     untouched: Bool[Tensor, "batch bodies"]
+    moving: Bool[Tensor, "batch bodies"]
     relative: RelativeMotion
     fits: JointFits
     noise: CameraNoise
@@ -85,6 +62,7 @@ class Frame(NamedTuple):
     in_sight: pairs both of whose bodies were seen. continuous: bodies seen in it and in the frame before.
     relative_before, relative: how pairs have moved relative to each other until the frame before, and this one. fits:
     of joints to what was seen before this frame. noise: of the camera. moved: pairs of which a body may have moved.
+    resting: frames that the relative pose of a pair is the mean of.
     """
 
     before: State
@@ -99,6 +77,7 @@ class Frame(NamedTuple):
     fits: JointFits
     noise: CameraNoise
     moved: Bool[Tensor, "batch pairs"]
+    resting: Float[Tensor, "batch pairs"]
 
 
 def first_look(
@@ -115,11 +94,16 @@ def first_look(
     unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
     rested = torch.ones_like(seen, dtype=poses.dtype)
     relative, fits = RelativeMotion.of(state.relations, poses), JointFits.begin(adjacent)
-    noise = CameraNoise(*[poses.new_zeros(len(poses), 2)] * 2)
-    view = View(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, relative, fits, noise)
+    noise = CameraNoise.begin(poses)
+    view = View(
+        *(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, torch.zeros_like(seen)),
+        *(relative, fits, noise),
+    )
     control = Control(tool, still, still, torch.zeros_like(down))
-    in_sight, moved = _both(seen), torch.zeros_like(adjacent)
-    return view, Frame(state, state, control, poses, adjacent, in_sight, seen, relative, relative, fits, noise, moved)
+    in_sight, moved, resting = _both(seen), torch.zeros_like(adjacent), torch.ones_like(fits.frames)
+    return view, Frame(
+        state, state, control, poses, adjacent, in_sight, seen, relative, relative, fits, noise, moved, resting
+    )
 
 
 def look(
@@ -142,7 +126,9 @@ def look(
     strays = away[..., :2].square().sum(-1) > STRAY**2
     rests = continuous & (unreached > COASTING) & ~strays
     scenes = view.state.scenes
-    noise = view.noise.observe(away, view.rested * (rests & scenes.present), scenes.yaw_known)
+    noise = view.noise.observe_rest(away, view.rested * (rests & scenes.present), scenes.yaw_known)
+    bends, moves = away - view.state.motions, continuous & ~rests & scenes.present & view.moving
+    noise = noise.observe_bends(bends, moves, scenes.yaw_known)
     rested = torch.where(rests, view.rested + 1, torch.where(seen, 1.0, view.rested))
     poses = torch.where(rests[..., None], last + away / rested[..., None], poses)
     poses = torch.where(seen[..., None], poses, last)
@@ -158,6 +144,10 @@ def look(
     relative = RelativeMotion.of(after.relations, poses)
     moved = in_sight & ~_both(rests)
     fitted = moved & before.relations.remembered & ~before.relations.known
+    a, b = pairs_of(seen.shape[1], seen.device)
+    resting = (2 / (1 / rested[:, a] + 1 / rested[:, b]).double()).clamp(max=LONGEST_REST)
+    begins = _both(untouched) | ~before.relations.remembered
+    fits = view.fits._replace(rested=torch.where(begins, resting, view.fits.rested))
     frame = Frame(
         before,
         after,
@@ -168,9 +158,10 @@ def look(
         continuous,
         view.relative,
         relative,
-        view.fits,
+        fits,
         noise,
         moved,
+        resting,
     )
     view = View(
         after,
@@ -184,8 +175,9 @@ def look(
         unreached,
         rested,
         untouched,
+        continuous & ~rests,
         relative,
-        view.fits.observe(relative, fitted) if fitted.any() else view.fits,
+        fits.observe(relative, fitted) if fitted.any() else fits,
         noise,
     )
     return view, frame

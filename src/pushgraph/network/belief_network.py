@@ -95,7 +95,8 @@ class BeliefNetwork(nn.Module):
 
     Pairs tell their bodies, and bodies their pairs. Memory begins when a pair is first adjacent. What a pair last
     told stands beside its state in `Memory.relations`, for joint memory alone answers most questions. The state waits
-    while both bodies rest, so that a camera's noise does not move it in a pause.
+    while both bodies rest, so that a camera's noise does not move it in a pause. An answer also knows the most that
+    any pair of the scene says.
     """
 
     PHYSICS = "contact"
@@ -110,7 +111,8 @@ class BeliefNetwork(nn.Module):
         self.relation_cell = nn.GRUCell(3 * hidden, hidden)
         self.to_object = nn.Linear(hidden, hidden)
         self.object_cell = nn.GRUCell(hidden, hidden)
-        self.head = nn.Sequential(nn.Linear(4 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
+        self.to_scene = nn.Linear(2 * hidden, hidden, bias=False)
+        self.head = nn.Sequential(nn.Linear(5 * hidden, hidden), nn.ReLU(), nn.Linear(hidden, len(JOINT_CODES)))
         self.mass_noise = MassNoise()
 
     @staticmethod
@@ -161,7 +163,13 @@ class BeliefNetwork(nn.Module):
     def answer(self, memory: Memory, rows: Rows) -> Float[Tensor, "rows joints"]:
         """Log-odds of the joints, in the order of JOINT_CODES: the mean of what both directions say."""
         ends = memory.objects[rows.receiver], memory.objects[rows.sender]
-        return self.head(torch.cat((memory.relations, *ends), -1)).mean(1)
+        # Where one joint of a scene sits tells where others may. A memory that has not begun is zero and says nothing.
+        of_pairs = self.to_scene(memory.relations).relu().amax(1)
+        count = int(rows.scene.max()) + 1 if len(rows.scene) else 0
+        place = rows.scene[:, None].expand_as(of_pairs)
+        of_scenes = of_pairs.new_zeros(count, self.hidden).scatter_reduce(0, place, of_pairs, "amax")
+        of_scene = of_scenes[rows.scene][:, None].expand(-1, 2, -1)
+        return self.head(torch.cat((memory.relations, *ends, of_scene), -1)).mean(1)
 
 
 class PaperBelief(nn.Module):

@@ -60,7 +60,7 @@ def watched(sequences: SequenceBatch, generator: torch.Generator) -> Watched:
         yaw_known=scenes.yaw_known & ~no_yaw,
     )
     bodies = torch.cat((bodies[..., :2], torch.where(no_yaw[:, None], 0.0, bodies[..., 2])[..., None]), -1)
-    size = torch.rand(batch, generator=generator) * ~share(CLEAN)
+    size = torch.rand(batch, generator=generator).sqrt() * ~share(CLEAN)  # much noise is what is hard
     noise = torch.randn(bodies.shape, generator=generator) * bodies.new_tensor([NOISE[0], NOISE[0], NOISE[1]])
     noise[..., 2] *= ~no_yaw[:, None]
     bodies = bodies + noise * size[:, None, None, None]

@@ -6,7 +6,6 @@ import numpy as np
 from torch import Tensor
 
 from pushgraph.graph.broad_phase import node_shapes
-from pushgraph.graph.contact_graph import friction_metric
 from pushgraph.graph.scene_batch import Relations
 from pushgraph.graph.state import Control, State
 from pushgraph.network.compiled.links import links_of
@@ -15,9 +14,9 @@ from pushgraph.network.compiled.links import links_of
 class Scenes(NamedTuple):
     """Fields of State, SceneBatch, Relations and Control, the scenes first; see there for shapes and units.
 
-    half_extents, radius, circle (around them): of bodies, then of the tool's parts. metric: `friction_metric`. Links:
-    pairs that may share an edge however far apart, from both ends; those of a body begin at link_begin[scene * bodies +
-    body]. link_keep: gap (m) up to which they do.
+    half_extents, radius, circle (around them): of bodies, then of the tool's parts. Links: pairs that may share an edge
+    however far apart, from both ends; those of a body begin at link_begin[scene * bodies + body]. link_keep: gap (m) up
+    to which they do.
     """
 
     poses: np.ndarray
@@ -36,7 +35,7 @@ class Scenes(NamedTuple):
     feet_shares: np.ndarray
     feet_radii: np.ndarray
     table_friction: np.ndarray
-    metric: np.ndarray
+    anisotropy: np.ndarray
     side_friction: np.ndarray
     part_present: np.ndarray
     pose_tool_from_part: np.ndarray
@@ -62,8 +61,7 @@ def arrays_of(state: State, control: Control) -> Scenes:
     """The arrays of a state and of what the tool does next."""
     scenes, relations = state.scenes, state.relations
     of_scenes = (scenes.present, scenes.immovable, scenes.group, scenes.mass, scenes.centre_of_mass, scenes.gyration)
-    metric = friction_metric(scenes.anisotropy.double()).t()
-    of_tables = (scenes.table_friction, metric, scenes.side_friction)
+    of_tables = (scenes.table_friction, scenes.anisotropy, scenes.side_friction)
     of_tools = (scenes.part_present, scenes.pose_tool_from_part, scenes.tool_radius)
     shapes = node_shapes(scenes)
     circle = shapes.half_extents.norm(dim=-1) + shapes.radius
@@ -121,11 +119,8 @@ NODE = np.dtype(
 )
 """See `contact_graph.Nodes`. begin, end: where its members, bodies or parts of the tool, stand in `Graph.member`.
 row: where its unknowns begin, -1 where its motion is given. x, y: its centre in the middle of the step."""
-FOOT = np.dtype(
-    [("node", np.int64)]
-    + [(name, np.float64) for name in ("arm_x", "arm_y", "weight", "radius", "m_xx", "m_xy", "m_yy")]
-)
-"""See `contact_graph.Feet`."""
+FOOT = np.dtype([("node", np.int64)] + [(name, np.float64) for name in ("turns_x", "turns_y", "weight", "radius")])
+"""See `contact_graph.Feet`. turns_x, turns_y: how it slides as its node turns, stretched; see `energy.stretched`."""
 EDGE = np.dtype(
     [(name, np.int64) for name in ("first_body", "second_body", "first", "second", "relation", "at_start")]
     + [(name, np.float64) for name in ("fade", "normal_x", "normal_y")]
@@ -171,8 +166,8 @@ class Graph(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """How many of each there are in a graph. length: of the step (m). See `contact_graph.Drives` for the rest: drive is
-    zero where the tool has no limit."""
+    """How many of each there are in a graph. length: of the step (m). grain_x, grain_y: anisotropy, see
+    SceneBatch. See `contact_graph.Drives` for the rest: drive is zero where the tool has no limit."""
 
     nodes: int
     feet: int
@@ -180,6 +175,8 @@ class Counts(NamedTuple):
     contacts: int
     joints: int
     length: float
+    grain_x: float
+    grain_y: float
     drive: float
     axis_x: float
     axis_y: float

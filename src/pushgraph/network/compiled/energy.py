@@ -46,7 +46,7 @@ def linearize(graph: Graph, counts: Counts, system: System, unknowns: int, slip:
     foot = 0
     for k in range(counts.nodes):
         if graph.nodes[k].row >= 0:
-            foot = _add_node(k, graph.nodes[k], graph.feet, foot, counts.feet, system, slip)
+            foot = _add_node(k, graph.nodes[k], graph.feet, foot, counts, system, slip)
     if counts.drive > 0.0:
         _add_drive(graph.nodes[0], counts, system, slip)
     for k in range(counts.contacts):
@@ -81,30 +81,35 @@ def linearize(graph: Graph, counts: Counts, system: System, unknowns: int, slip:
 
 
 @compiled
-def _add_node(k, node, feet, foot, count, system, slip):
-    """Add inertia and table friction of a node, whose feet begin at `foot`; return where those of the next do."""
+def _add_node(k, node, feet, foot, counts, system, slip):
+    """Add inertia and table friction of a node, whose feet begin at `foot`; return where those of the next do.
+
+    Friction is that of stretched motions, with forces and curvature stretched back.
+    """
     xx = xy = yy = xt = yt = tt = force_x = force_y = torque = 0.0
     u_x, u_y, u_turn = system.twist[k, 0], system.twist[k, 1], system.twist[k, 2]
-    while foot < count and feet[foot].node == k:
-        arm_x, arm_y, radius = feet[foot].arm_x, feet[foot].arm_y, feet[foot].radius
-        m_xx, m_xy, m_yy = feet[foot].m_xx, feet[foot].m_xy, feet[foot].m_yy
-        d_x, d_y, turn = u_x - arm_y * u_turn, u_y + arm_x * u_turn, radius * u_turn
-        x, y = m_xx * d_x + m_xy * d_y, m_xy * d_x + m_yy * d_y
-        over = 1 / math.sqrt(x * d_x + y * d_y + turn * turn + slip * slip)
+    s_x, s_y = stretched(counts, u_x, u_y)
+    while foot < counts.feet and feet[foot].node == k:
+        turns_x, turns_y, radius = feet[foot].turns_x, feet[foot].turns_y, feet[foot].radius
+        x, y, turn = s_x + turns_x * u_turn, s_y + turns_y * u_turn, radius * u_turn
+        over = 1 / math.sqrt(x * x + y * y + turn * turn + slip * slip)
         strength = feet[foot].weight * over
         less = SECANT * strength * over * over
-        twist = arm_x * y - arm_y * x + radius * turn
-        m_xt, m_yt = m_xy * arm_x - m_xx * arm_y, m_yy * arm_x - m_xy * arm_y
-        xx += strength * m_xx - less * x * x
-        xy += strength * m_xy - less * x * y
-        yy += strength * m_yy - less * y * y
-        xt += strength * m_xt - less * x * twist
-        yt += strength * m_yt - less * y * twist
-        tt += strength * (m_yt * arm_x - m_xt * arm_y + radius * radius) - less * twist * twist
+        twist = turns_y * y + turns_x * x + radius * turn
+        xx += strength - less * x * x
+        xy -= less * x * y
+        yy += strength - less * y * y
+        xt += strength * turns_x - less * x * twist
+        yt += strength * turns_y - less * y * twist
+        tt += strength * (turns_y * turns_y + turns_x * turns_x + radius * radius) - less * twist * twist
         force_x += strength * x
         force_y += strength * y
         torque += strength * twist
         foot += 1
+    force_x, force_y = stretched(counts, force_x, force_y)
+    xt, yt = stretched(counts, xt, yt)
+    (xx, yx), (xy, yy) = stretched(counts, xx, xy), stretched(counts, xy, yy)
+    (xx, xy), (_, yy) = stretched(counts, xx, xy), stretched(counts, yx, yy)
     inertia = node.mass * node.inertia
     turning = inertia * node.gyration
     row = node.row
@@ -146,11 +151,12 @@ def _add_drive(tool, counts, system, slip):
 
 
 @compiled
-def foot_motion(foot: Any, values: np.ndarray) -> tuple[float, float, float]:
-    """See `contact_problem.foot_motion`."""
-    turn = values[foot.node, 2]
-    x, y = values[foot.node, 0] - foot.arm_y * turn, values[foot.node, 1] + foot.arm_x * turn
-    return x, y, foot.radius * turn
+def stretched(counts: Counts, x: float, y: float) -> tuple[float, float]:
+    """A motion times 1 + anisotropy along the grain, and 1 - anisotropy across it: the square root of the metric of
+    `contact_graph.friction_metric`."""
+    along_x = counts.grain_x * x + counts.grain_y * y
+    along_y = counts.grain_y * x - counts.grain_x * y
+    return x + along_x, y + along_y
 
 
 @compiled
@@ -257,14 +263,20 @@ def slope(graph: Graph, counts: Counts, system: System, slip: float, length: flo
         lag += length * d_lag
         total += counts.limit * lag * d_lag / math.sqrt(lag * lag + slip * slip)
         total += JOINT_STIFFNESS * ((across + length * d_across) * d_across + (turn + length * d_turn) * d_turn)
-    for k in range(counts.feet):
-        foot = graph.feet[k]
-        x, y, turn = foot_motion(foot, system.twist)
-        d_x, d_y, d_turn = foot_motion(foot, system.direction)
+    k = -1
+    u_x = u_y = u_turn = way_x = way_y = way_turn = 0.0
+    for number in range(counts.feet):
+        foot = graph.feet[number]
+        if foot.node != k:
+            k = foot.node
+            u_x, u_y = stretched(counts, system.twist[k, 0], system.twist[k, 1])
+            way_x, way_y = stretched(counts, system.direction[k, 0], system.direction[k, 1])
+            u_turn, way_turn = system.twist[k, 2], system.direction[k, 2]
+        x, y, turn = u_x + foot.turns_x * u_turn, u_y + foot.turns_y * u_turn, foot.radius * u_turn
+        d_x, d_y, d_turn = way_x + foot.turns_x * way_turn, way_y + foot.turns_y * way_turn, foot.radius * way_turn
         x, y, turn = x + length * d_x, y + length * d_y, turn + length * d_turn
-        m_x, m_y = foot.m_xx * x + foot.m_xy * y, foot.m_xy * x + foot.m_yy * y
-        squared = m_x * x + m_y * y + turn * turn + slip * slip
-        total += foot.weight * (m_x * d_x + m_y * d_y + turn * d_turn) / math.sqrt(squared)
+        squared = x * x + y * y + turn * turn + slip * slip
+        total += foot.weight * (x * d_x + y * d_y + turn * d_turn) / math.sqrt(squared)
     for k in range(counts.contacts):
         contact = graph.contacts[k]
         if contact.grip > 0.0:

@@ -24,7 +24,7 @@ def build(scenes: Scenes, scene: int, graph: Graph) -> Counts:
         travel += abs(scenes.tool_motion[scene, 2]) * scenes.tool_radius[scene]
     length = max(travel, find_sliding(scenes, scene, graph) * scenes.frames[scene])
     if length <= 0.0:
-        return Counts(0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Counts(0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     place_tool(scenes, scene, graph.bodies[scenes.poses.shape[1] :])
     way_x, way_y = scenes.tool_motion[scene, 0], scenes.tool_motion[scene, 1]
     drive, limit = 0.0, scenes.force_limit[scene]
@@ -35,10 +35,12 @@ def build(scenes: Scenes, scene: int, graph: Graph) -> Counts:
     feet, total = _weigh(scenes, scene, graph, nodes, length, could_push)
     contacts = _contacts(scenes.kind[scene], scenes.side_friction[scene], graph, edges, length)
     joints = _joints(scenes, scene, graph, edges, length)
-    if drive == 0.0:
-        return Counts(nodes, feet, edges, contacts, joints, length, 0.0, 0.0, 0.0, 0.0)
+    grain_x, grain_y = scenes.anisotropy[scene, 0], scenes.anisotropy[scene, 1]
+    ahead_x = ahead_y = share = 0.0
+    if drive > 0.0:
+        ahead_x, ahead_y, share = way_x / drive, way_y / drive, could_push / total
     return Counts(
-        nodes, feet, edges, contacts, joints, length, drive / length, way_x / drive, way_y / drive, could_push / total
+        nodes, feet, edges, contacts, joints, length, grain_x, grain_y, drive / length, ahead_x, ahead_y, share
     )
 
 
@@ -75,7 +77,7 @@ def _weigh(scenes, scene, graph, nodes, length, could_push):
         node.last_turn *= frames * LEVER / length
     feet, total = 0, max(total, could_push, 1e-9)
     points, shares, radii = scenes.feet_points[scene], scenes.feet_shares[scene], scenes.feet_radii[scene]
-    metric = scenes.metric[scene]
+    grain_x, grain_y = scenes.anisotropy[scene, 0], scenes.anisotropy[scene, 1]
     for k in range(nodes):
         node = graph.nodes[k]
         if node.given or node.is_tool:
@@ -91,11 +93,12 @@ def _weigh(scenes, scene, graph, nodes, length, could_push):
                 foot = graph.feet[feet]
                 own_x, own_y = points[member, at, 0], points[member, at, 1]
                 foot.node = k
-                foot.arm_x = (body.x - node.x + cos * own_x - sin * own_y) / LEVER
-                foot.arm_y = (body.y - node.y + sin * own_x + cos * own_y) / LEVER
+                arm_x = (body.x - node.x + cos * own_x - sin * own_y) / LEVER
+                arm_y = (body.y - node.y + sin * own_x + cos * own_y) / LEVER
+                foot.turns_x = grain_x * -arm_y + grain_y * arm_x - arm_y
+                foot.turns_y = grain_y * -arm_y - grain_x * arm_x + arm_x
                 foot.weight = body.mass / total * shares[member, at]
                 foot.radius = radii[member, at] / LEVER
-                foot.m_xx, foot.m_xy, foot.m_yy = metric[0], metric[1], metric[2]
                 feet += 1
     return feet, total
 
