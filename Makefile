@@ -104,8 +104,12 @@ weights-belief: data
 	  --start-from $(CACHE)/belief-1.safetensors --out $(CACHE)/belief-2.safetensors
 	$(BELIEF) $(JOINTED) --frames 100 --samples 2000000 --learning-rate 2e-3 --seed 2 \
 	  --start-from $(CACHE)/belief-2.safetensors --out $(CACHE)/belief-3.safetensors
+	$(BELIEF) $(JOINTED) --frames 100 --samples 2400000 --learning-rate 1.5e-3 --least-gain 0 --seed 11 \
+	  --start-from $(CACHE)/belief-3.safetensors --out $(CACHE)/belief-4.safetensors
+	$(BELIEF) $(JOINTED) --frames 100 --samples 1600000 --learning-rate 1.2e-3 --least-gain 0 --seed 13 \
+	  --start-from $(CACHE)/belief-4.safetensors --out $(CACHE)/belief-5.safetensors
 	$(BELIEF) $(JOINTED) $(MASSES) --keep-joints --batch 16 --samples 1000000 --learning-rate 6e-3 \
-	  --start-from $(CACHE)/belief-3.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
+	  --start-from $(CACHE)/belief-5.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PARTS) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

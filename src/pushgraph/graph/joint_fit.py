@@ -232,29 +232,23 @@ class JointFits(NamedTuple):
         begun = self.rested - FIRST_COUNT
         # The place where the memory began is as sure as the frames that it is the mean of.
         whole = self._replace(frames=self.frames + begun, turn=self.turn + begun)
-        drift_square, turn_square = drift_noise.square(), turn_noise.square()
-
-        def excess(squares: Tensor, free: Tensor) -> Tensor:
-            return (squares - free) / (2 * free.clamp(min=1)).sqrt()
-
         scatter = self.square - self.drift.abs().square() / whole.frames
         spread = whole.frames - whole.turn.abs().square() / whole.frames
-        across = whole.slider(line).across
-        mean = (1 / moved.clamp(min=1) + 1 / self.rested).sqrt()
-        recent = (1 / (2 * RECENT - 1) + 1 / self.rested).sqrt()
-        last = (1 / resting + 1 / self.rested).sqrt()
-        return Misfit(
-            excess(scatter / drift_square, 2 * moved),
-            excess(spread / turn_square, moved),
-            excess(whole.hinge().residual.square() * whole.frames / drift_square, (2 * moved - 2).clamp(min=0)),
-            excess(across.square() * whole.frames / drift_square, (moved - 1).clamp(min=0)),
-            self.drift.abs() / moved.clamp(min=1) / (drift_noise * mean),
-            (self.turn - FIRST_COUNT).angle().abs() * (moved > 0) / (turn_noise * mean),
-            self.recent_drift.abs() / (drift_noise * recent),
-            self.recent_angle.abs() / (turn_noise * recent),
-            motion.drift.abs() / (drift_noise * last),
-            motion.angle.abs() / (turn_noise * last),
-        )
+        hinge, slider = whole.hinge().residual.square(), whole.slider(line).across.square()
+        left = torch.stack((scatter, spread, hinge * whole.frames, slider * whole.frames))
+        noise = torch.stack((drift_noise, turn_noise))
+        squares = left / noise[[0, 1, 0, 0]].square()
+        free = torch.stack((2 * moved, moved, 2 * moved - 2, moved - 1)).clamp(min=0)
+        excess = (squares - free) / (2 * free.clamp(min=1)).sqrt()
+
+        some = moved.clamp(min=1)
+        mean_angle = (self.turn - FIRST_COUNT).angle() * (moved > 0)
+        drifts = torch.stack((self.drift / some, self.recent_drift, motion.drift)).abs()
+        angles = torch.stack((mean_angle, self.recent_angle, motion.angle)).abs()
+        sightings = torch.stack((some, torch.full_like(some, 2 * RECENT - 1), resting))
+        sure = noise[:, None] * (1 / sightings + 1 / self.rested).sqrt()
+        shifts = torch.stack((drifts, angles)) / sure
+        return Misfit(*excess, *shifts.transpose(0, 1).flatten(0, 1))
 
     @property
     def turn_range(self) -> Float[Tensor, "batch pairs"]:

@@ -127,7 +127,7 @@ def _misfit_evidence(
     drift_noise = (2 * position[:, None] + levers / 2 * yaw[:, None]).sqrt()
     turn_noise = (2 * yaw).sqrt()[:, None].expand_as(drift_noise)
     misfit = fits.misfit(frame.relative, frame.resting, drift_noise, turn_noise, axis)
-    return torch.stack((*(off.asinh() for off in misfit), fits.rested.log(), frame.resting.log()), -1)
+    return torch.cat((torch.stack(misfit, -1).asinh(), torch.stack((fits.rested, frame.resting), -1).log()), -1)
 
 
 def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:
