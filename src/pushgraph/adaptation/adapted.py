@@ -120,18 +120,21 @@ def adapt(
     progress: Callable[[int, int], None] = lambda done, total: None,
     begun: Adaptation | None = None,
     keep: Callable[[Adaptation], None] = lambda learnt: None,
+    grain: bool = False,
 ) -> Adaptation:
     """Learn from recorded pushes: how sure predictions of other shapes are, then each object on each surface by itself.
 
     begun: what an adaptation to the same pushes that was interrupted handed to `keep`, which takes what is learnt so
-    far after every object on a surface. Raises AdaptationError if there are too few pushes to learn from.
+    far after every object on a surface. grain: whether tables may have one. Raises AdaptationError if there are too
+    few pushes to learn from.
     """
     if len(pushes) < FEWEST:
         raise AdaptationError(f"{len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
     materials = pushes.materials
     total = len(materials) + (len(materials) > 1)
     if len(materials) == 1:
-        own = _learnt(dynamics, pushes, from_starts(pushes, Estimate.prior()))
+        prior = from_starts(pushes, Estimate.prior())
+        own = _learnt(dynamics, pushes, prior.with_grain() if grain else prior)
         return Adaptation(own, {materials[0]: own})
     learnt = begun or adapt_to_all(dynamics, pushes)
     progress(1, total)
@@ -139,7 +142,7 @@ def adapt(
         of_material = pushes.take(pushes.of(surface, shape))
         if len(of_material) >= FEWEST and (surface, shape) not in learnt.materials:
             prior = learnt.surfaces[surface].estimate
-            own = _learnt(dynamics, of_material, prior)
+            own = _learnt(dynamics, of_material, prior.with_grain() if grain else prior)
             learnt = replace(learnt, materials={**learnt.materials, (surface, shape): own})
             keep(learnt)
         progress(number, total)

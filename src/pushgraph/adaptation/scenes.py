@@ -13,6 +13,8 @@ from pushgraph.scene import MOST_ANISOTROPY, Scene, Table
 from pushgraph.shape import BodyShape, Point
 from pushgraph.tool import Push, Tool
 
+LEAST_ANISOTROPY = 1e-3
+"""Tables with less have no grain."""
 PARTED = 1e-6
 """A probe that is measured to start inside the object moves back until this far from it (m)."""
 
@@ -72,9 +74,12 @@ def support_of(shape: BodyShape, unknowns: Unknowns) -> tuple[Point, ...]:
 
 def _grained(table: Table, anisotropy_x: float, anisotropy_y: float) -> Table:
     """The table with a grain, whose unknowns are told in the world."""
+    anisotropy = math.hypot(anisotropy_x, anisotropy_y)
+    if anisotropy < LEAST_ANISOTROPY:
+        return table
     along = math.atan2(anisotropy_y, anisotropy_x) / 2
     grain = along - table.pose_world_from_table[2]
-    return table.replace(anisotropy=min(math.hypot(anisotropy_x, anisotropy_y), MOST_ANISOTROPY), grain=grain)
+    return table.replace(anisotropy=min(anisotropy, MOST_ANISOTROPY), grain=grain)
 
 
 def _back(scene: Scene, start: np.ndarray, end: np.ndarray) -> float:

@@ -55,10 +55,11 @@ def adapt_recorded(
     count: int | None = None,
     contact: str | os.PathLike = "contact",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    grain: bool = False,
 ) -> Session:
     """Learn from recorded pushes, and write it to `out`; goes on with what `out` with `.partial` holds of the same.
 
-    source: what to call the pushes in the record and in errors.
+    source: what to call the pushes in the record and in errors. grain: whether tables may have one.
     """
     check_replaceable(out)
     if count is not None and count < len(pushes):
@@ -66,7 +67,7 @@ def adapt_recorded(
     if len(pushes) < FEWEST:
         raise AdaptationError(f"{source}: {len(pushes)} pushes: too few to learn from; at least {FEWEST} are needed")
     predictor = PhysicsPredictor.load(contact)
-    record = {"data": source, "pushes": len(pushes), "fingerprint": pushes.fingerprint}
+    record = {"data": source, "pushes": len(pushes), "fingerprint": pushes.fingerprint, "grain": grain}
     partial = out.with_name(f"{out.stem}.partial{out.suffix}")
     begun = _begun(partial, record, predictor.hash)
 
@@ -78,6 +79,7 @@ def adapt_recorded(
             lambda done, n: progress(what, done, n),
             known,
             lambda learnt: save_adaptation(learnt, partial, predictor.hash, {**record, "stage": what, **stage}),
+            grain,
         )
 
     left_out = np.zeros(len(pushes), dtype=bool)

@@ -58,14 +58,17 @@ SHARE = Scale(
 )
 SCALES = (FACTOR, FACTOR, SHARE, *6 * (LINEAR,))
 NOMINAL = Unknowns()
-DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3, 0.05, 0.05])
+DEVIATION = np.array([0.3, 0.7, 1.0, 3e-3, 3e-3, 1e-3, 1e-3, 0.1, 0.1])
 """Of the priors, each on its scale: nobody who puts a probe to a part on a table knows these better without measuring
 them."""
 FARTHEST = 4.0
 """No unknown is farther from its nominal value (prior deviations)."""
 UNITS = ("", "", "", "mm", "mm", "mm", "mm", "", "")
-PROBE = slice(5, 7)
-"""The unknowns of the probe, among all."""
+PROBE, GRAIN = slice(5, 7), slice(7, 9)
+"""The unknowns of the probe, and of the table's grain, among all."""
+EVEN = 1e-3
+"""Deviation of the grain's scores where tables are taken to have none; one that is learnt of them makes up for other
+errors, and serves pushes left out no better."""
 
 
 class Estimate(NamedTuple):
@@ -76,8 +79,17 @@ class Estimate(NamedTuple):
 
     @classmethod
     def prior(cls) -> "Estimate":
-        """What is known of unknowns before any push."""
-        return cls(np.zeros(COUNT), np.eye(COUNT))
+        """What is known of unknowns before any push, on a table without grain."""
+        covariance = np.eye(COUNT)
+        covariance[GRAIN, GRAIN] *= EVEN**2
+        return cls(np.zeros(COUNT), covariance)
+
+    def with_grain(self) -> "Estimate":
+        """The same, but that the table may have a grain."""
+        covariance = self.covariance.copy()
+        covariance[GRAIN], covariance[:, GRAIN] = 0.0, 0.0
+        covariance[GRAIN, GRAIN] = np.eye(2)
+        return Estimate(self.mean, covariance)
 
     @property
     def unknowns(self) -> Unknowns:
@@ -92,8 +104,10 @@ class Estimate(NamedTuple):
         return Unknowns(*(float(scale.slope(float(v)) * s) for scale, v, s in values))
 
     def lines(self) -> list[str]:
-        """In words: `side friction 0.17 +- 0.02` and so on."""
-        values = zip(Unknowns._fields, self.unknowns, self.deviations, UNITS, strict=True)
+        """In words: `side friction 0.17 +- 0.02` and so on; of the grain only if it was learnt."""
+        values = list(zip(Unknowns._fields, self.unknowns, self.deviations, UNITS, strict=True))
+        if np.diag(self.covariance)[GRAIN].max() < (2 * EVEN) ** 2:
+            values = values[: GRAIN.start]
         return [
             f"{name.replace('_', ' ')} {value * _factor(unit):.2f} +- {deviation * _factor(unit):.2f} {unit}".rstrip()
             for name, value, deviation, unit in values

@@ -24,6 +24,9 @@ def adapt(
     out: Annotated[Path, typer.Option(help="File to write (safetensors).")] = Path("adaptation.safetensors"),
     count: Annotated[int | None, typer.Option(min=1, help="Pushes, spread over all.", show_default="all")] = None,
     contact: Annotated[str, typer.Option(help="Checkpoint that predicts.")] = "contact",
+    grain: Annotated[
+        bool, typer.Option("--grain", help="Tables may have a grain, along which friction is greater.")
+    ] = False,
 ) -> None:
     """Learn from recorded pushes of a real robot: side frictions, pressures, the probe's offset, then a correction.
 
@@ -61,6 +64,7 @@ def adapt(
                 count,
                 contact,
                 lambda what, done, n: progress.update(bars[what], completed=done, total=n),
+                grain,
             )
         except KeyboardInterrupt:
             progress.stop()
