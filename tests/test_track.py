@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scenes import body, workshop
 
+from pushgraph import pose
 from pushgraph.errors import StorageError, TrackError
 from pushgraph.scene import Scene
 from pushgraph.simulation.planar import simulate
 from pushgraph.track import Track
 from pushgraph.track_csv import COLUMNS
+from pushgraph.track_frames import Frames
+from pushgraph.track_resampling import in_frames
 
 
 @pytest.fixture(scope="module")
@@ -198,3 +201,22 @@ def test_csv_columns_are_as_documented(track: Track, tmp_path: Path) -> None:
     assert {row["node"] for row in rows} == set(track.nodes)
     lifted = [row for row in rows if row["push"] == "-1"]
     assert len(lifted) == 2 * len(track.nodes)
+
+
+@pytest.mark.parametrize("rate", [3.0, 7.0])
+def test_what_is_glued_stays_glued_between_sightings(rate: float) -> None:
+    """Bodies turn about centres from one sighting to the next, as one; the tool goes straight."""
+    times = np.arange(0.0, 2.0, 1 / rate)
+    first = np.stack((0.1 * times, 0.05 * np.sin(times), 1.5 * times - 0.3), -1)
+    second = pose.compose(first, np.array([0.13, 0.02, 0.4]))
+    tool = np.stack((0.2 * times, 0.0 * times, 3.0 * times), -1)
+    seen = np.ones((len(times), 3), dtype=bool)
+    samples = Frames(times, np.stack((tool, first, second), 1), np.zeros(len(times), dtype=int), seen)
+    frames = in_frames(samples)
+    assert len(frames.times) > 2 * len(times)
+    together = pose.relative(frames.poses[:, 1], frames.poses[:, 2])
+    np.testing.assert_allclose(together, np.tile([0.13, 0.02, 0.4], (len(together), 1)), atol=1e-12)
+    np.testing.assert_allclose(frames.poses[:, 0, 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(frames.poses[0, 1], first[0], atol=1e-12)
+    exact = np.stack((0.1 * frames.times, 0.05 * np.sin(frames.times)), -1)
+    assert np.abs(frames.poses[:, 1, :2] - exact).max() < 0.2 * 0.1 / rate

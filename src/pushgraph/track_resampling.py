@@ -67,10 +67,27 @@ def _stretch_in_frames(samples: Frames, bridge: float) -> Frames:
         )
         values[:, 2] = np.unwrap(values[:, 2])
         poses[:, node] = np.stack([np.interp(times, at, column) for column in values.T], -1)
+        if node > 0 and len(at) > 1 and np.isfinite(values).all():  # the tool goes straight, bodies turn about centres
+            poses[:, node, :2] = _along_arcs(times, at, values)
     poses[~seen] = np.nan
     last = (np.searchsorted(at_samples, times + ON_TIME) - 1).clip(min=0)
     wrench = None if samples.wrench is None else mean_since(times, at_samples, samples.wrench, FRAME, ON_TIME)
     return Frames(samples.times[0] + times, poses, samples.push[last], seen, wrench)
+
+
+def _along_arcs(
+    times: Float[np.ndarray, " times"], at: Float[np.ndarray, " sightings"], values: Float[np.ndarray, "sightings 3"]
+) -> Float[np.ndarray, "times 2"]:
+    """Positions of a body between its sightings, moving on with one twist: what is glued stays glued, where straight
+    lines from one sighting to the next would part it."""
+    first = (np.searchsorted(at, times, side="right") - 1).clip(0, len(at) - 2)
+    share = ((times - at[first]) / (at[first + 1] - at[first])).clip(0.0, 1.0)
+    place, turn = values[:, 0] + 1j * values[:, 1], np.diff(values[:, 2])[first]
+    straight = np.abs(turn) < 1e-9
+    whole = np.where(straight, 1.0, np.exp(1j * turn) - 1)
+    moved = np.where(straight, share, (np.exp(1j * share * turn) - 1) / whole) * np.diff(place)[first]
+    found = place[first] + moved
+    return np.stack((found.real, found.imag), -1)
 
 
 def _lift_between(before: Frames, after: Frames) -> Frames:
