@@ -174,6 +174,15 @@ def test_unknowns_are_found_again(dynamics: Dynamics, tmp_path: Path) -> None:
     assert abs(even.unknowns.anisotropy_x) + abs(even.unknowns.anisotropy_y) < 1e-3
 
 
+def test_a_grain_is_learnt_where_it_is_asked_for_and_written_into_scenes(dynamics: Dynamics, tmp_path: Path) -> None:
+    pushes = read_pushes(*made(tmp_path, {"box": 20}, Unknowns(anisotropy_x=0.1, anisotropy_y=0.1), noise=2e-4))
+    for grain, anisotropy in ((True, np.hypot(0.1, 0.1)), (False, 0.0)):
+        scene = adapt(dynamics, pushes, grain=grain).apply_to(scene_of(pushes, 0))
+        assert scene.table.anisotropy == pytest.approx(float(anisotropy), abs=0.04)
+        if grain:
+            assert scene.table.grain_world == pytest.approx(np.pi / 8, abs=0.15)
+
+
 def test_without_pushes_that_tell_the_prior_stays(dynamics: Dynamics, tmp_path: Path) -> None:
     pushes = read_pushes(*write(tmp_path, rows_of(5, "disc")))
     far = type(pushes)(

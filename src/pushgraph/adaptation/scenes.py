@@ -50,14 +50,9 @@ def with_unknowns(scene: Scene, estimates: Mapping[str, Estimate]) -> Scene:
         body.replace(support=support_of(body.shape, estimates[body.name].unknowns)) if body.name in estimates else body
         for body in scene.bodies
     )
-
-    def mean(name: str) -> float:
-        place = Unknowns._fields.index(name)
-        scores = [estimate.mean[place] for estimate in estimates.values()]
-        return float(np.average(scores, weights=[1 / e.covariance[place, place] for e in estimates.values()]))
-
-    scores = [mean(name) for name in Unknowns._fields]
-    shared = Unknowns.of(np.array(scores))
+    scores = np.stack([estimate.mean for estimate in estimates.values()])
+    weights = np.stack([1 / np.diag(estimate.covariance) for estimate in estimates.values()])
+    shared = Unknowns.of(np.average(scores, axis=0, weights=weights))
     return scene.replace(
         bodies=bodies,
         side_friction=float(shared.side_friction),
