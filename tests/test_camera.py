@@ -8,6 +8,7 @@ import pytest
 from pushgraph.belief import TRAINING_PRIOR, BeliefModel
 from pushgraph.body import Body, Joint
 from pushgraph.errors import BeliefError
+from pushgraph.graph.camera_noise import FINEST
 from pushgraph.graph.scene_batch import JOINT_CODES
 from pushgraph.pose import relative
 from pushgraph.recording.recording import recording_of
@@ -137,6 +138,30 @@ def test_a_prior_changes_odds_by_its_factor_and_leaves_the_rest(belief: BeliefMo
 def test_what_is_no_prior_is_refused(prior: dict[str, float], says: str, belief: BeliefModel) -> None:
     with pytest.raises(BeliefError, match=says):
         belief.expecting(prior)
+
+
+def test_what_a_lens_bends_is_no_joint_where_that_is_expected(belief: BeliefModel) -> None:
+    """A glued pair is pushed past a camera that does not jitter, whose lens pulls in by 6 mm what is 30 cm aside."""
+    track = glued_pair(True)
+    scene = track.scene.replace(bodies=tuple(body.replace(yaw_known=True) for body in track.scene.bodies))
+    bodies = track.poses[:, 1:].copy()
+    away = bodies[..., :2] - bodies[0, :, :2].mean(0)
+    bodies[..., :2] -= 0.006 * away * (away**2).sum(-1, keepdims=True) / 0.3**3
+
+    def fixed(camera_error: float | None) -> float:
+        regulator = BeliefRegulator(scene, belief, camera_error=camera_error)
+        for poses, seen, down in zip(track.poses, bodies, track.down, strict=True):
+            regulator.observe(np.vstack((poses[:1], seen)), bool(down))
+        return float(regulator.probabilities[0][JOINT_CODES["fixed"]])
+
+    assert fixed(3e-4) > max(0.8, fixed(1e-4), fixed(None))
+    assert fixed(FINEST) == fixed(None)
+
+
+@pytest.mark.parametrize("camera_error", [0.0, -1e-3, 0.02, math.nan])
+def test_what_is_no_error_of_a_camera_is_refused(camera_error: float, belief: BeliefModel) -> None:
+    with pytest.raises(BeliefError, match=f"camera_error: must be from 5e-05 to 0.005 m, got {camera_error:g}"):
+        belief.seen_by(camera_error)
 
 
 def test_bodies_that_a_fast_tool_carries_through_lost_frames_are_no_frame_that_moved() -> None:

@@ -16,6 +16,7 @@ from pushgraph.checkpoint import Checkpoint, load_checkpoint, shipped
 from pushgraph.device import device_of, place_of
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
+from pushgraph.graph.camera_noise import FINEST
 from pushgraph.graph.joint_truth import rigid_pairs
 from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, map_tensors, pairs_of
 from pushgraph.graph.watching import Frame, View, first_look, look
@@ -33,6 +34,8 @@ CHUNK = 256
 """Scene-frames whose evidence is computed together."""
 TRAINING_PRIOR = {"none": 0.54, "fixed": 0.14, "prismatic": 0.15, "revolute": 0.17}
 """Shares of the joints of neighbours in the training data, the setup `jointed`."""
+LARGEST_CAMERA_ERROR = 0.005
+"""A camera that is farther off than this (m), though it does not jitter, must be calibrated."""
 STRANGERS = 0.999
 """Joints join neighbours: probability that a pair which was never adjacent is not joined, unless by a fixed chain."""
 
@@ -59,6 +62,7 @@ class BeliefModel:
     What it is given may be of NumPy or torch; to poses of NumPy it answers in NumPy.
 
     record: how it was trained. prior: how likely each joint is of a pair of neighbours before anything is seen.
+    camera_error: errors of poses that do not show as noise (m), of turns at LEVER.
     """
 
     def __init__(
@@ -67,9 +71,10 @@ class BeliefModel:
         dynamics: Foreseeing,
         record: Mapping[str, Any] | None = None,
         prior: Mapping[str, float] = TRAINING_PRIOR,
+        camera_error: float = FINEST,
     ) -> None:
         self.network, self.dynamics, self.record = network, dynamics, dict(record or {})
-        self.prior = dict(prior)
+        self.prior, self.camera_error = dict(prior), camera_error
 
     @classmethod
     def load(
@@ -108,7 +113,18 @@ class BeliefModel:
         possible = [kind for kind, share in prior.items() if share > 0]
         if "none" not in possible or len(possible) < 2:
             raise BeliefError(f"prior: none and another joint must be possible; got {', '.join(possible) or 'nothing'}")
-        return BeliefModel(self.network, self.dynamics, self.record, prior)
+        return BeliefModel(self.network, self.dynamics, self.record, prior, self.camera_error)
+
+    def seen_by(self, camera_error: float) -> "BeliefModel":
+        """The same, where poses are off by more than noise shows.
+
+        camera_error: how far, in the standard deviation (m): a lens that bends, a scale that is not quite right. Noise
+        is found by itself. Raises BeliefError unless it is from FINEST to LARGEST_CAMERA_ERROR.
+        """
+        if not FINEST <= camera_error <= LARGEST_CAMERA_ERROR:
+            valid = f"from {FINEST:g} to {LARGEST_CAMERA_ERROR:g} m"
+            raise BeliefError(f"camera_error: must be {valid}, got {camera_error:g}")
+        return BeliefModel(self.network, self.dynamics, self.record, self.prior, camera_error)
 
     @torch.inference_mode()
     def begin(
@@ -129,7 +145,7 @@ class BeliefModel:
         as_numpy = isinstance(poses, np.ndarray)
         scenes = (scenes if isinstance(scenes, SceneBatch) else batch_scenes(scenes)).to(self.device)
         poses, tool, down, seen = _checked(scenes, poses, tool, down, seen)
-        view, frame = first_look(scenes, poses, tool, down, seen)
+        view, frame = first_look(scenes, poses, tool, down, seen, self.camera_error)
         batch, pairs = frame.in_sight.shape
         watch = Watch(
             view,

@@ -60,6 +60,13 @@ def observe(
             show_default="as in the training data",
         ),
     ] = None,
+    camera_error: Annotated[
+        float | None,
+        typer.Option(
+            help="How far poses are off beside noise, which is found by itself (m): 0.0003 for a lens that bends.",
+            show_default="next to nothing",
+        ),
+    ] = None,
     model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",
     physics: Annotated[
         Path | None, typer.Option(help="Checkpoint that the belief stands on.", show_default="the shipped one")
@@ -122,6 +129,8 @@ def observe(
         watching = BeliefModel.load(model, physics=physics)
         if prior is not None:
             watching = watching.expecting(prior_of(prior))
+        if camera_error is not None:
+            watching = watching.seen_by(camera_error)
         history = BeliefHistory.watch(loaded, seen, watching, relations == "given", masses == "unknown", show)
     outputs = [out / "beliefs.json", out / "scene.json"]
     history.save(outputs[0])

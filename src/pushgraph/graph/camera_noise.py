@@ -1,4 +1,4 @@
-"""The noise of a camera, found from what it sees.
+"""The errors of a camera: its noise, found from what it sees, and what it is told to expect beside that.
 
 Bodies at rest are seen about where they rest. Where nothing rests yet, second differences of the poses of all that may
 move tell it, too: few bodies change their speed at a time, so their median over bodies is that of noise.
@@ -10,15 +10,19 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pushgraph.graph.broad_phase import LEVER
+
 BENT = 6.0
 """Variance of the second difference of a number that is seen with noise in three frames, over that of the noise."""
 MEDIAN_OF_TWO, MEDIAN_OF_ONE = 1.386, 0.455
 """Medians of the sums of squares of two standard normal numbers, and of one."""
 BENT_COUNT = 6.0
 """What bodies that may move show counts as so many numbers seen at rest."""
+FINEST = 5e-5
+"""Errors are expected to be this large at least (m), of turns at LEVER: joints give way by about as much."""
 LEAST_BEND = 1e-12
 """Squares of second differences (m^2, rad^2) are taken for this at least, as they stand in logarithms."""
-CONSTANTS = {"bent_count": BENT_COUNT, "least_bend": LEAST_BEND}
+CONSTANTS = {"finest": FINEST, "bent_count": BENT_COUNT, "least_bend": LEAST_BEND}
 """What features made of it depend on."""
 
 
@@ -27,18 +31,22 @@ class CameraNoise(NamedTuple):
 
     squares: sums over sightings of bodies at rest of how far they were from their mean, of x and y together (m^2) and
     of yaw (rad^2). counts: how many numbers those are of. bends: sums over frames of the logarithms of the median over
-    bodies of squared second differences. frames: of so many.
+    bodies of squared second differences. frames: of so many. camera_error: errors that do not show as noise, of a lens
+    or a calibration (m), of turns at LEVER.
     """
 
     squares: Float[Tensor, "batch 2"]
     counts: Float[Tensor, "batch 2"]
     bends: Float[Tensor, "batch 2"]
     frames: Float[Tensor, "batch 2"]
+    camera_error: Float[Tensor, " batch"]
 
     @classmethod
-    def begin(cls, poses: Float[Tensor, "batch bodies 3"]) -> "CameraNoise":
+    def begin(cls, poses: Float[Tensor, "batch bodies 3"], camera_error: float = FINEST) -> "CameraNoise":
         """Before anything is known of it."""
-        return cls(*[poses.new_zeros(len(poses), 2)] * 4)
+        nothing = poses.new_zeros(len(poses), 2)
+        expected = torch.full(poses.shape[:1], camera_error, dtype=torch.float64, device=poses.device)
+        return cls(nothing, nothing, nothing, nothing, expected)
 
     def observe_rest(
         self, away: Float[Tensor, "batch bodies 3"], rested: Float[Tensor, "batch bodies"], yaw_known: Tensor
@@ -62,6 +70,12 @@ class CameraNoise(NamedTuple):
         found = median.isfinite()
         logarithm = torch.where(found, median, 1.0).clamp(min=LEAST_BEND).log()
         return self._replace(bends=self.bends + torch.where(found, logarithm, 0.0), frames=self.frames + found)
+
+    @property
+    def variance(self) -> Float[Tensor, "batch 2"]:
+        """Of either coordinate of a position (m^2), and of a yaw (rad^2): of noise and of camera_error together."""
+        levers = self.camera_error.new_tensor([1.0, LEVER])
+        return self.spread.double().square() + (self.camera_error[:, None] / levers).square()
 
     @property
     def spread(self) -> Float[Tensor, "batch 2"]:

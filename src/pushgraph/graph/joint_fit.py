@@ -32,15 +32,12 @@ AXIS_PULL = 0.002
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
 RECENT = 6.0
 """Recent motion is a running mean: the last frame counts as one of so many."""
-FINEST = 5e-5
-"""The least noise that is expected (m), of turns at LEVER: joints give way by about as much."""
 CONSTANTS = {
     "first_count": FIRST_COUNT,
     "measured": MEASURED,
     "anchor_spread": ANCHOR_SPREAD,
     "axis_pull": AXIS_PULL,
     "recent": RECENT,
-    "finest": FINEST,
 }
 """What features made of fits depend on."""
 

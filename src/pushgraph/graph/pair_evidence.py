@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pushgraph.graph import camera_noise, joint_fit
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.joint_fit import FINEST, Misfit, turning
+from pushgraph.graph.joint_fit import Misfit, turning
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.watching import LONGEST_REST, Frame
 from pushgraph.pose import as_complex, wrap_angle
@@ -121,8 +121,7 @@ def _misfit_evidence(
 ) -> Float[Tensor, "batch pairs misfit_features"]:
     """What the camera's noise does not explain, and of how many frames it is the mean. axis: see `_fit_evidence`."""
     relations, fits = frame.after.relations, frame.fits
-    spread = frame.noise.spread.double()
-    position, yaw = (spread.square() + (FINEST / spread.new_tensor([1, LEVER])).square()).unbind(-1)
+    position, yaw = frame.noise.variance.unbind(-1)
     levers = (relations.anchor_a.double().square() + relations.anchor_b.double().square()).sum(-1)
     drift_noise = (2 * position[:, None] + levers / 2 * yaw[:, None]).sqrt()
     turn_noise = (2 * yaw).sqrt()[:, None].expand_as(drift_noise)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pushgraph import pose
 from pushgraph.graph.broad_phase import reachable
-from pushgraph.graph.camera_noise import CameraNoise
+from pushgraph.graph.camera_noise import FINEST, CameraNoise
 from pushgraph.graph.joint_fit import JointFits, RelativeMotion
 from pushgraph.graph.scene_batch import Relations, SceneBatch, pairs_of
 from pushgraph.graph.state import Control, State, start
@@ -86,15 +86,19 @@ def first_look(
     tool: Float[Tensor, "batch 3"],
     down: Bool[Tensor, " batch"],
     seen: Bool[Tensor, "batch bodies"],
+    camera_error: float = FINEST,
 ) -> tuple[View, Frame]:
-    """Watch scenes from here on. Bodies that are not seen are taken to be at their `poses` until they are."""
+    """Watch scenes from here on. Bodies that are not seen are taken to be at their `poses` until they are.
+
+    camera_error: errors of poses that are expected beside noise (m), of turns at LEVER.
+    """
     state = start(scenes, poses)._replace(still=STRAY)
     still = torch.zeros_like(tool)
     adjacent = state.relations.remembered & ~state.relations.known
     unreached = torch.full_like(seen, COASTING, dtype=torch.int64)
     rested = torch.ones_like(seen, dtype=poses.dtype)
     relative, fits = RelativeMotion.of(state.relations, poses), JointFits.begin(adjacent)
-    noise = CameraNoise.begin(poses)
+    noise = CameraNoise.begin(poses, camera_error)
     view = View(
         *(state, tool, still, down, seen, seen, poses, adjacent, unreached, rested, seen, torch.zeros_like(seen)),
         *(relative, fits, noise),
