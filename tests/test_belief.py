@@ -24,7 +24,7 @@ from pushgraph.graph.pair_evidence import FEATURES, FINE, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
 from pushgraph.graph.state import start
 from pushgraph.graph.watching import first_look, look
-from pushgraph.network.belief_network import BELIEFS, Rows
+from pushgraph.network.belief_network import BELIEFS, Memory, Rows
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
 from pushgraph.scene import SLIDE, SWING, Scene
@@ -136,6 +136,24 @@ def test_moving_and_turning_the_scene_changes_nothing(ours, tracks, motion) -> N
     moved = [pose.compose(torch.tensor(motion, dtype=torch.float64), poses) for poses in (bodies, tool)]
     after = observed(ours, scenes, *moved, down, seen)
     torch.testing.assert_close(after, before, atol=1e-5, rtol=1e-4)
+
+
+@torch.no_grad()
+def test_what_one_pair_shows_tells_about_the_others_of_its_scene_and_of_no_other() -> None:
+    network = untrained().network
+    generator = torch.Generator().manual_seed(0)
+    for weights in network.parameters():
+        weights.copy_(torch.randn(weights.shape, generator=generator) / 4)
+    chosen = torch.zeros(2, 6, dtype=torch.bool)
+    chosen[:, [pair_index(0, 1, 4), pair_index(2, 3, 4)]] = True
+    rows = Rows.of(chosen, 4)
+    relations = torch.randn((4, 2, network.width), generator=generator)
+    objects = torch.randn((8, network.hidden), generator=generator)
+    before = network.answer(Memory(relations, objects), rows)
+    relations[0] += 3.0
+    after = network.answer(Memory(relations, objects), rows)
+    assert (after[1] - before[1]).abs().max() > 1e-3
+    assert torch.equal(after[2:], before[2:])
 
 
 def test_the_order_of_bodies_changes_nothing(model, tracks) -> None:
@@ -605,6 +623,9 @@ def test_observe_on_the_command_line(checkpoint, tmp_path, suffix) -> None:
     assert result.exit_code == 0, result.output
     assert CliRunner().invoke(cli.app, [*predict, "--relations", "believed"]).exit_code == 2
     assert CliRunner().invoke(cli.app, [*predict, "--beliefs", beliefs]).exit_code == 2
+    refused = CliRunner().invoke(cli.app, [*command, "--camera-error", "0.02"]).exception
+    assert isinstance(refused, BeliefError)
+    assert "camera_error: must be" in str(refused)
 
 
 def test_what_is_doubtful_about_a_track_is_said(checkpoint, tmp_path) -> None:

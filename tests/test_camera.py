@@ -156,6 +156,7 @@ def test_what_a_lens_bends_is_no_joint_where_that_is_expected(belief: BeliefMode
 
     assert fixed(3e-4) > max(0.8, fixed(1e-4), fixed(None))
     assert fixed(FINEST) == fixed(None)
+    assert belief.seen_by(3e-4).expecting(TRAINING_PRIOR).camera_error == 3e-4
 
 
 @pytest.mark.parametrize("camera_error", [0.0, -1e-3, 0.02, math.nan])

@@ -119,7 +119,8 @@ class BeliefModel:
         """The same, where poses are off by more than noise shows.
 
         camera_error: how far, in the standard deviation (m): a lens that bends, a scale that is not quite right. Noise
-        is found by itself. Raises BeliefError unless it is from FINEST to LARGEST_CAMERA_ERROR.
+        is found by itself. It counts for joints, as `belief` tells them: `paper_recipe` and masses know no such error.
+        Raises BeliefError unless it is from FINEST to LARGEST_CAMERA_ERROR.
         """
         if not FINEST <= camera_error <= LARGEST_CAMERA_ERROR:
             valid = f"from {FINEST:g} to {LARGEST_CAMERA_ERROR:g} m"
