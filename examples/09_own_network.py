@@ -52,9 +52,9 @@ class MlpDynamics(nn.Module):
         steer = pose.rotate(control.motion[:, None, :2].expand(place.shape), -yaw) / UNIT
         boxes, tool = scenes.boxes, scenes.tool_radius[:, None, None].expand(*yaw.shape, 1)
         sizes = torch.cat((boxes.half_extents, boxes.radius[..., None], tool), -1) / (10 * UNIT)
-        told = torch.cat((sizes, place, steer, down[..., None]), -1).float()
+        features = torch.cat((sizes, place, steer, down[..., None]), -1).float()
         near = place.norm(dim=-1) < sizes.sum(-1) + 1
-        own = self.layers(told) * UNIT * (steer.norm(dim=-1) * down * near)[..., None]
+        own = self.layers(features) * UNIT * (steer.norm(dim=-1) * down * near)[..., None]
         motion = torch.cat((pose.rotate(own[..., :2], yaw), own[..., 2:] / 0.05), -1)
         return Advance(motion, torch.ones_like(yaw[:, 0]))
 

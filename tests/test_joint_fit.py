@@ -8,8 +8,9 @@ import torch
 
 from pushgraph import pose
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.camera_noise import CameraNoise
-from pushgraph.graph.joint_fit import FIRST_COUNT, MEASURED, JointFits, Misfit, RelativeMotion
+from pushgraph.graph.camera_noise import FINEST, CameraNoise
+from pushgraph.graph.joint_fit import FIRST_COUNT, MEASURED, JointFits, RelativeMotion
+from pushgraph.graph.misfit import Misfit, misfit
 from pushgraph.graph.scene_batch import Relations
 
 ANCHOR_A, ANCHOR_B, OFFSET = (0.05, 0.01), (-0.06, 0.02), 0.4
@@ -119,7 +120,11 @@ RESTED, DRAWS = 5.0, 400
 POSITION_NOISE, YAW_NOISE = 0.001, 0.009
 
 
-def misfit(clean: np.ndarray) -> Misfit:
+def line_of_centres() -> complex:
+    return complex(*first_pose_a_from_b()[:2])
+
+
+def misfit_of(clean: np.ndarray) -> Misfit:
     """Of DRAWS pairs that a camera watches; the place where each memory began is the mean of RESTED sightings."""
     rng = np.random.default_rng(3)
     size = np.array([POSITION_NOISE, POSITION_NOISE, YAW_NOISE])
@@ -136,20 +141,23 @@ def misfit(clean: np.ndarray) -> Misfit:
     levers = sum(x * x for x in (*ANCHOR_A, *ANCHOR_B))
     drift_noise = torch.full((DRAWS, 1), math.sqrt(2 * POSITION_NOISE**2 + levers / 2 * YAW_NOISE**2))
     turn_noise = torch.full((DRAWS, 1), math.sqrt(2) * YAW_NOISE)
-    line = torch.full((DRAWS, 1), 1j, dtype=torch.complex128)
-    return last[0].misfit(last[1], torch.ones(DRAWS, 1), drift_noise, turn_noise, line)
+    centres = torch.full((DRAWS, 1), line_of_centres(), dtype=torch.complex128)
+    return misfit(last[0], last[1], torch.ones(DRAWS, 1), drift_noise, turn_noise, centres)
 
 
 def test_what_noise_explains_is_about_one_standard_deviation_off() -> None:
-    off = misfit(np.repeat(first_pose_a_from_b()[None], 40, 0))
-    for name in ("fixed_drift", "fixed_turn", "hinge", "slider"):
+    off = misfit_of(np.repeat(first_pose_a_from_b()[None], 40, 0))
+    for name in ("fixed_drift", "fixed_turn", "hinge", "slider", "along_centres"):
         values = getattr(off, name)
         assert abs(float(values.mean())) < 0.6, name
         assert 0.6 < float(values.std()) < 1.6, name
-    for name in ("mean_turn", "recent_turn", "turn"):  # absolute values of standard normal numbers
+    for name in ("mean_turn", "recent_turn", "slow_turn", "turn", "tilt"):  # absolute values of standard normal numbers
         assert 0.6 < float(getattr(off, name).square().mean()) < 1.5, name
-    for name in ("mean_drift", "recent_drift", "drift"):  # lengths of standard normal vectors
+    for name in ("mean_drift", "recent_drift", "slow_drift", "drift"):  # lengths of standard normal vectors
         assert 1.2 < float(getattr(off, name).square().mean()) < 3.0, name
+    # A running mean is a part of the mean that it is held against.
+    assert float(off.shift_turn.square().mean()) < 1
+    assert float(off.shift_drift.square().mean()) < 2
 
 
 @pytest.mark.parametrize("joint", ["revolute", "prismatic"])
@@ -158,14 +166,36 @@ def test_a_joint_that_moved_a_little_fits_and_fixed_does_not(joint: str) -> None
         places = swung((0.0, 0.03), np.linspace(0, 0.1, 40))
     else:
         places = np.repeat(first_pose_a_from_b()[None], 40, 0)
-        places[:, :2] += np.outer(np.linspace(0, 0.006, 40), (0.6, 0.8))
-    off = misfit(places)
+        places[:, :2] += np.outer(np.linspace(0, 0.012, 40), (0.6, 0.8))
+    off = misfit_of(places)
     turns = off.fixed_turn, off.mean_turn, off.recent_turn
     drifts = off.fixed_drift, off.mean_drift, off.recent_drift
     fits, others = (off.hinge, turns) if joint == "revolute" else (off.slider, drifts)
     assert abs(float(fits.mean())) < 1
     for other in others:
         assert float(other.mean()) > 3
+
+
+def test_what_moves_late_is_told_though_where_it_began_was_hardly_seen() -> None:
+    places = np.repeat(first_pose_a_from_b()[None], 80, 0)
+    places[50:, 0] += 0.002
+    off = misfit_of(places)
+    assert float(off.shift_drift.mean()) > 1.3 * float(off.slow_drift.mean())
+
+
+@pytest.mark.parametrize(("degrees", "along_line"), [(0.0, True), (180.0, True), (15.0, False), (-15.0, False)])
+def test_a_slide_along_the_line_of_centres_is_told_from_one_that_is_tilted(degrees: float, along_line: bool) -> None:
+    places = np.repeat(first_pose_a_from_b()[None], 40, 0)
+    way = line_of_centres() / abs(line_of_centres()) * np.exp(1j * np.radians(degrees))
+    places[:, :2] += np.outer(np.linspace(0, 0.02, 40), (way.real, way.imag))
+    off = misfit_of(places)
+    assert abs(float(off.slider.mean())) < 1
+    if along_line:
+        assert 0.6 < float(off.tilt.square().mean()) < 1.5
+        assert abs(float(off.along_centres.mean())) < 1
+    else:
+        assert float(off.tilt.mean()) > 3
+        assert float(off.along_centres.mean()) > 1
 
 
 def test_the_camera_s_noise_is_found_from_what_rests() -> None:
@@ -203,3 +233,14 @@ def test_the_camera_s_noise_is_found_where_nothing_rests() -> None:
     np.testing.assert_allclose(noise.spread.numpy(), [[0.001, 0.009]], rtol=0.25)
     unseen = noise.observe_bends(torch.zeros(1, 5, 3, dtype=torch.float64), torch.zeros_like(moves), yaw_known)
     assert (unseen.spread == noise.spread).all()
+
+
+@pytest.mark.parametrize(
+    ("jitter", "camera_error", "unseen"),
+    [(0.0, FINEST, FINEST), (1e-4, FINEST, 1.5e-4), (0.001, FINEST, 3e-4), (0.001, 5e-4, 5e-4), (1e-4, 3e-4, 3e-4)],
+)
+def test_errors_that_do_not_jitter_are_expected_beside_those_that_do(jitter, camera_error, unseen) -> None:
+    noise = CameraNoise.begin(torch.zeros(1, 2, 3, dtype=torch.float64), camera_error)
+    spread = torch.tensor([[jitter, jitter / LEVER]], dtype=torch.float64)
+    expected = jitter**2 + unseen**2
+    torch.testing.assert_close(noise.variance(spread), torch.tensor([[expected, expected / LEVER**2]]).double())

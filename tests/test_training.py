@@ -126,6 +126,23 @@ def test_what_a_training_starts_from_is_kept_unless_others_are_better_by_so_much
     assert all(torch.equal(before[name], after[name]) for name in before) == kept
 
 
+def test_the_mean_of_the_first_and_the_last_weights_is_written(data, tmp_path) -> None:
+    start, mean = tmp_path / "start.safetensors", tmp_path / "mean.safetensors"
+    settings = TINY | {"samples": 320, "learning_rate": 3e-3, "least_gain": 0.0}
+    train_physics(PhysicsTraining(model="propnet", **data, **settings), TrainingRun(out=str(start)))
+    on = PhysicsTraining(model="propnet", **data, seed=1, start_from=str(start), share_of_start=0.25, **settings)
+    run = TrainingRun(out=str(mean))
+    train_physics(on, run)
+    first, found = weights(start), weights(mean)
+    with safe_open(Path(run.folder) / "running.safetensors", "pt") as file:
+        for name in first:
+            expected = 0.25 * first[name] + 0.75 * file.get_tensor(f"network.{name}")
+            torch.testing.assert_close(found[name], expected, rtol=0, atol=1e-6)
+    assert any(not torch.equal(first[name], found[name]) for name in first)
+    with pytest.raises(TrainingError, match="share_of_start: needs start_from"):
+        PhysicsTraining(**data, share_of_start=0.5)
+
+
 def test_what_is_not_finite_stops_the_training_and_is_kept(data, tmp_path, monkeypatch) -> None:
     broken = lambda *some: unrolled_loss(*some) * float("nan")  # noqa: E731
     monkeypatch.setattr(physics, "unrolled_loss", broken)

@@ -223,14 +223,14 @@ class BeliefModel:
         """What is believed of masses; raises BeliefError if this belief says nothing of them."""
         if watch.masses is None:
             raise BeliefError("no mass is unknown, or this belief says nothing of masses")
-        told = watch.masses.chains.answer(watch.masses.evidence, watch.view.state.scenes)
-        return MassPosterior(*(values.cpu().numpy() for values in told)) if watch.as_numpy else told
+        posterior = watch.masses.chains.answer(watch.masses.evidence, watch.view.state.scenes)
+        return MassPosterior(*(values.cpu().numpy() for values in posterior)) if watch.as_numpy else posterior
 
     @torch.inference_mode()
     def probabilities(self, watch: Watch) -> Float[Any, "batch pairs joints"]:
         """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
-        told = self._probabilities(watch)
-        return told.cpu().numpy() if watch.as_numpy else told
+        probabilities = self._probabilities(watch)
+        return probabilities.cpu().numpy() if watch.as_numpy else probabilities
 
     def _probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
         if watch.probabilities is not None:

@@ -118,16 +118,16 @@ class BeliefHistory:
         if content.get("version") != VERSION:
             raise BeliefError(f"{path}: version {content.get('version')} of beliefs; this pushgraph reads {VERSION}")
         check_seal(content, str(path), BeliefError)
-        told = validated(BeliefFile, text, f"{path}: these beliefs are damaged", BeliefError)
-        shape = len(told.times), len(told.pairs), len(JOINT_CODES)
+        file = validated(BeliefFile, text, f"{path}: these beliefs are damaged", BeliefError)
+        shape = len(file.times), len(file.pairs), len(JOINT_CODES)
         return cls(
-            told.pairs,
-            np.array(told.times),
-            np.array(told.probabilities, dtype=float).reshape(shape),
-            told.lost,
-            told.joints_believed(),
-            told.scene,
-            told.mass_history(f"{path}: masses"),
+            file.pairs,
+            np.array(file.times),
+            np.array(file.probabilities, dtype=float).reshape(shape),
+            file.lost,
+            file.joints_believed(),
+            file.scene,
+            file.mass_history(f"{path}: masses"),
         )
 
 

@@ -276,7 +276,8 @@ def worth_of(evidence: Evidence) -> Float[Tensor, " batch"]:
 
 def camera_of(frame: Frame) -> Float[Tensor, "batch 2"]:
     """Standard deviations of positions, and of yaws at LEVER (m)."""
-    return frame.noise.spread.double() * frame.noise.spread.new_tensor([1.0, LEVER]).double()
+    spread = frame.noise.spread.double()
+    return spread * spread.new_tensor([1.0, LEVER])
 
 
 def of_coordinates(values: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 3"]:

@@ -237,9 +237,9 @@ def _spread_table(results: "Results", objects: int) -> Table:
         joints, observed, masses = condition
         for key in some:
             numbers = [values[*key, metric] for metric in metrics]
-            told = f"believed, {observed}" if joints == "believed" else joints
+            knowledge = f"believed, {observed}" if joints == "believed" else joints
             cells = ("-" if v is None else f"{v:.3f}" for v in numbers)
-            table.add_row(told, masses, str(key[3]), *cells)
+            table.add_row(knowledge, masses, str(key[3]), *cells)
     return table
 
 

@@ -190,8 +190,8 @@ def _masses_tables(results: "Results", objects: int) -> list[Table]:
         for observed, some in itertools.groupby(order, key=lambda key: key[0]):
             table.add_section()
             for _, model in some:
-                told = [values.get((observed, model, *one)) for one in wanted]
-                table.add_row(str(observed), model.replace("_", " "), *_cells(told, 2))
+                cells = [values.get((observed, model, *one)) for one in wanted]
+                table.add_row(str(observed), model.replace("_", " "), *_cells(cells, 2))
         tables.append(table)
     return tables
 

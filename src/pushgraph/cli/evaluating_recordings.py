@@ -82,6 +82,6 @@ def _table(results: "Results") -> Table:
         rows = [values[model, "final_error_cm", start] for model in MODELS]
         if start == next(start for start in starts if isinstance(start, int)):
             table.add_section()
-        told = start if isinstance(start, str) else f"{start} frames"
-        table.add_row(told, *(f"{row['value']:.2f} ({row['low']:.2f} to {row['high']:.2f})" for row in rows))
+        observed = start if isinstance(start, str) else f"{start} frames"
+        table.add_row(observed, *(f"{row['value']:.2f} ({row['low']:.2f} to {row['high']:.2f})" for row in rows))
     return table

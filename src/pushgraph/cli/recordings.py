@@ -150,9 +150,9 @@ def observe(
     elif masses == "unknown":
         console.print(f"No mass was learnt: {model} says nothing of masses, or nothing can move.", markup=False)
     for lost, stretches in history.lost.items():
-        told = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches[:MOST_STRETCHES])
+        unseen = ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in stretches[:MOST_STRETCHES])
         more = f" and {len(stretches) - MOST_STRETCHES} times more" if len(stretches) > MOST_STRETCHES else ""
-        console.print(f"{lost} was not seen from {told}{more}.", markup=False)
+        console.print(f"{lost} was not seen from {unseen}{more}.", markup=False)
     console.print("Written: " + ", ".join(str(path) for path in outputs), soft_wrap=True, markup=False)
 
 

@@ -130,8 +130,8 @@ def answer_block(block: Block) -> list[SceneAnswers]:
     of_pieces = between_pieces(scenes, listed)
 
     known = [torch.where(touched, kind[:, None], JOINT_CODES["none"]) for kind in (listed, joint)]
-    told = _arrays(known[0], close(scenes, known[1]), _of_pieces(scenes, known[0]))
-    informed = Answers(told[0], told[1], told[2], None)
+    scored = _arrays(known[0], close(scenes, known[1]), _of_pieces(scenes, known[0]))
+    informed = Answers(scored[0], scored[1], scored[2], None)
     answers = {(INFORMED, noise): informed for noise in NOISES}
     places: dict[tuple[str, str], PlaceErrors] = {}
     # All noises are watched side by side.
@@ -190,10 +190,10 @@ def certainty(
     scenes: Sequence[SceneAnswers], model: str, noise: str, pairs: str, time: int
 ) -> tuple[Float[np.ndarray, " values"], Bool[np.ndarray, " values"]]:
     """Probabilities of the likeliest answers about some pairs at OBSERVED[time], and whether those are right."""
-    told = [(scene.answers[model, noise], scene.chosen[pairs][time]) for scene in scenes]
-    top = [answers.top[time][chosen] for answers, chosen in told if answers.top is not None]
-    assert len(top) == len(told), f"of {model} it cannot be asked how sure it is"
-    right = [(a.likeliest[time] == scene.joint)[chosen] for scene, (a, chosen) in zip(scenes, told, strict=True)]
+    answered = [(scene.answers[model, noise], scene.chosen[pairs][time]) for scene in scenes]
+    top = [answers.top[time][chosen] for answers, chosen in answered if answers.top is not None]
+    assert len(top) == len(answered), f"of {model} it cannot be asked how sure it is"
+    right = [(a.likeliest[time] == scene.joint)[chosen] for scene, (a, chosen) in zip(scenes, answered, strict=True)]
     return np.concatenate(top), np.concatenate(right)
 
 
@@ -211,7 +211,7 @@ def _add_rows(results: Results, model: str, noise: str, objects: int, scenes: Se
         np.stack([getattr(scene, name) for scene in scenes]) for name in ("joint", "listed", "of_pieces")
     )
     likeliest, answered, between = (
-        np.stack([getattr(told, name) for told in answers]) for name in ("likeliest", "closed", "of_pieces")
+        np.stack([getattr(answer, name) for answer in answers]) for name in ("likeliest", "closed", "of_pieces")
     )
     for time, observed in enumerate(OBSERVED):
         for pairs in PAIRS:

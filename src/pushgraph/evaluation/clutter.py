@@ -144,8 +144,8 @@ def run(
 ) -> Run:
     """One closed loop. seconds: that MuJoCo has for a plan. What cannot go on has not reached its goal."""
     environment = SimulatedEnvironment(scene)
-    told = scene.replace(joints=()) if contender.joints == "none" else scene
-    regulator = BeliefRegulator(told, belief, given=contender.joints != "unknown")
+    known_scene = scene.replace(joints=()) if contender.joints == "none" else scene
+    regulator = BeliefRegulator(known_scene, belief, given=contender.joints != "unknown")
     sampling = Sampling(seconds=seconds if contender.simulates else None)
 
     def plan(scene: Scene, goal: Goal, beliefs: Beliefs) -> Plan:

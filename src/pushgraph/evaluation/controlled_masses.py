@@ -99,22 +99,22 @@ def answer_block(block: Block, cells: Mapping[int, int]) -> list[ControlledScene
     seen = add_noise(clean, CAMERA, block)
     rngs = [np.random.default_rng([block.seed, block.objects, block.first + k]) for k in range(block.count)]
     unknown, end = unweighed(batch_scenes([track.scene for track in tracks])), torch.full((block.count, 1), frames - 1)
-    told: dict[tuple[str, str], MassAnswer] = {}
+    answers: dict[tuple[str, str], MassAnswer] = {}
     for given, watched in (("motion", seen), ("force", with_sensor(seen, tracks, rngs))):
         for name, path in block.models:
             model = BeliefModel.load(path)
-            told[name, given] = believed(ask(model.masses, model, unknown, watched, end)[0]).take((slice(None), 0))
+            answers[name, given] = believed(ask(model.masses, model, unknown, watched, end)[0]).take((slice(None), 0))
     exact = ExactObserver(simulated_table(controlled_scene(block.objects), cells[block.objects]), CAMERA, classes)
     at_best = [exact.answer(poses) for poses in seen.bodies.numpy()]
-    told["exact", "motion"] = MassAnswer(*map(np.stack, zip(*at_best, strict=True)))
+    answers["exact", "motion"] = MassAnswer(*map(np.stack, zip(*at_best, strict=True)))
     always = [prior_answer(classes, block.objects)] * block.count
-    told["median_guess", "motion"] = MassAnswer(*map(np.stack, zip(*always, strict=True)))
+    answers["median_guess", "motion"] = MassAnswer(*map(np.stack, zip(*always, strict=True)))
     return [
         ControlledScene(
             block.objects,
             masses_of(track),
             clean.bodies[k].numpy(),
-            {key: answer.take(k) for key, answer in told.items()},
+            {key: answer.take(k) for key, answer in answers.items()},
         )
         for k, track in enumerate(tracks)
     ]

@@ -63,9 +63,9 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     tracks = weighed_tracks(block)
     scenes, times = batch_scenes([track.scene for track in tracks]), starts_of(tracks)
     seen = record(tracks, int(times.max()) + FRAMES)
-    told, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
+    posterior, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
     mean = torch.full_like(scenes.mass, prior_mean(tracks[0].scene.classes_of_mass))
-    assumed = [[scenes, weighed(scenes, told.median[:, k]), weighed(scenes, mean)] for k in range(times.shape[1])]
+    assumed = [[scenes, weighed(scenes, posterior.median[:, k]), weighed(scenes, mean)] for k in range(times.shape[1])]
     errors = rollout_errors(dynamics, seen, times.T, assumed).numpy()
     return [
         CoupledErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))

@@ -22,8 +22,8 @@ def fingerprint(*content: object) -> str:
     digest = hashlib.sha256()
     versions = [importlib.metadata.version(name) for name in ("pushgraph", "mujoco", "numpy", "torch")]
     for one in (*versions, *content):
-        told = one.tobytes() if isinstance(one, np.ndarray) else repr(one).encode()
-        digest.update(hashlib.sha256(told).digest())
+        octets = one.tobytes() if isinstance(one, np.ndarray) else repr(one).encode()
+        digest.update(hashlib.sha256(octets).digest())
     return digest.hexdigest()
 
 

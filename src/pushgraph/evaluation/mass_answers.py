@@ -49,12 +49,12 @@ class MassScores(NamedTuple):
 def score(answer: MassAnswer, masses: Float[np.ndarray, "*bodies"], classes: Sequence[MassClass]) -> MassScores:
     """Compare with the true masses (kg)."""
     true = classes_of(classes, masses)
-    told = np.take_along_axis(answer.probabilities, true[..., None], -1)[..., 0]
+    of_true = np.take_along_axis(answer.probabilities, true[..., None], -1)[..., 0]
     return MassScores(
         np.abs(answer.median - masses),
         answer.likeliest == true,
         (answer.low <= masses) & (masses <= answer.high),
-        np.log(np.maximum(told, LEAST_PROBABILITY)),
+        np.log(np.maximum(of_true, LEAST_PROBABILITY)),
         answer.probabilities.max(-1),
     )
 
@@ -65,9 +65,9 @@ def classes_of(classes: Sequence[MassClass], masses: Float[np.ndarray, "*bodies"
     return np.array([class_of(classes, float(mass)) for mass in different], dtype=np.int64)[place]
 
 
-def believed(told: tuple) -> MassAnswer:
+def believed(posterior: tuple) -> MassAnswer:
     """The answer that `BeliefModel.masses` gives, as arrays."""
-    return MassAnswer(*(getattr(told, name).numpy().astype(np.float64) for name in MassAnswer._fields))
+    return MassAnswer(*(getattr(posterior, name).numpy().astype(np.float64) for name in MassAnswer._fields))
 
 
 def prior_answer(classes: Sequence[MassClass], bodies: int) -> MassAnswer:

@@ -70,14 +70,14 @@ def save_mass_histograms(scenes: Sequence[ControlledScene], path: str | os.PathL
     )
     for panels, number in zip(grid, numbers, strict=True):
         chosen = [scene for scene in scenes if scene.objects == number]
-        told = list(chosen[0].answers)
-        colours = colours_of(model for model, _ in told)
+        contenders = list(chosen[0].answers)
+        colours = colours_of(model for model, _ in contenders)
         for axes, (count, what, names) in zip(panels, kinds, strict=True):
-            for k, (model, given) in enumerate(told):
-                place = np.arange(len(names)) + 0.8 * ((k + 0.5) / len(told) - 0.5)
+            for k, (model, given) in enumerate(contenders):
+                place = np.arange(len(names)) + 0.8 * ((k + 0.5) / len(contenders) - 0.5)
                 style = {"color": colours[model], "hatch": "//" if given == "force" else None, "edgecolor": "white"}
                 label = f"{model}, {given}".replace("_", " ")
-                axes.bar(place, count(chosen, model, given), 0.8 / len(told), label=label, **style)
+                axes.bar(place, count(chosen, model, given), 0.8 / len(contenders), label=label, **style)
             axes.set_xticks(range(len(names)), names, fontsize=8)
             axes.set(title=f"{number} objects", xlabel=what, ylabel="scenes")
             axes.grid(axis="y", alpha=0.3)
@@ -113,12 +113,12 @@ def save_alike(scenes: Sequence[ControlledScene], path: str | os.PathLike) -> bo
         return False
     *pair, apart = found
     chosen = [scenes[k] for k in pair]
-    told = [key for key in chosen[0].answers if key[0] != "median_guess"]
+    contenders = [key for key in chosen[0].answers if key[0] != "median_guess"]
     figure = Figure(figsize=(10, 7.5), layout="constrained")
     figure.suptitle(f"Bodies are {1000 * apart:.2g} mm apart on average, and weigh differently")
     for column, (above, below) in enumerate(figure.subplots(2, 2, sharey="row").T):
         _draw_motion(above, controlled_scene(chosen[column].objects), chosen[column])
-        _draw_intervals(below, chosen[column], told)
+        _draw_intervals(below, chosen[column], contenders)
         above.set_title(f"observation {'AB'[column]}")
     handles, names = figure.axes[-1].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=len(names), frameon=False)
@@ -159,14 +159,14 @@ def _draw_motion(axes: Axes, scene: Scene, observed: ControlledScene) -> None:
     axes.set_aspect("equal")
 
 
-def _draw_intervals(axes: Axes, observed: ControlledScene, told: Sequence[tuple[str, str]]) -> None:
+def _draw_intervals(axes: Axes, observed: ControlledScene, contenders: Sequence[tuple[str, str]]) -> None:
     places = np.arange(observed.objects)
     axes.plot(places - 0.3, observed.masses, "k_", markersize=14, label="true")
-    colours = colours_of(model for model, _ in told)
-    for k, (model, given) in enumerate(told):
+    colours = colours_of(model for model, _ in contenders)
+    for k, (model, given) in enumerate(contenders):
         answer = observed.answers[model, given]
         ends = np.stack((answer.median - answer.low, answer.high - answer.median))
-        place = places - 0.15 + 0.45 * k / max(1, len(told) - 1)
+        place = places - 0.15 + 0.45 * k / max(1, len(contenders) - 1)
         label, marker = f"{model}, {given}".replace("_", " "), "s" if given == "force" else "o"
         axes.errorbar(place, answer.median, ends, capsize=3, label=label, fmt=marker, color=colours[model])
     axes.set_xticks(places, [f"body {k}" for k in places])

@@ -66,8 +66,8 @@ def ratio_observer(
             continue
         ratios = masses[members] / masses[members[0]]
         scales = ScalePosterior(ratios[None], classes).quantiles(levels)[0]
-        told = weighted_answer(scales[:, None] * ratios, np.full(SCALES, 1 / SCALES), classes)
-        for whole, part in zip(answer, told, strict=True):
+        answer_of_group = weighted_answer(scales[:, None] * ratios, np.full(SCALES, 1 / SCALES), classes)
+        for whole, part in zip(answer, answer_of_group, strict=True):
             whole[members] = part
     return answer
 

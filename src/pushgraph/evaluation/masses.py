@@ -65,7 +65,7 @@ class SceneMasses(NamedTuple):
 
     objects: int
     masses: Float[np.ndarray, " bodies"]
-    told: dict[str, Told]
+    beliefs: dict[str, Told]
 
 
 def evaluate_masses(
@@ -86,10 +86,10 @@ def evaluate_masses(
     results = Results("masses", origin(SETUP, count, seed, data), ("objects", "observed_frames", "input", "subset"))
     for number in objects:
         for given in INPUTS:
-            some = [scene for scene in scenes if scene.objects == number and given in scene.told]
-            for model in some[0].told[given].answers if some else ():
+            some = [scene for scene in scenes if scene.objects == number and given in scene.beliefs]
+            for model in some[0].beliefs[given].answers if some else ():
                 _add_rows(results, model, given, number, some)
-            for model in some[0].told[given].slides if some else ():
+            for model in some[0].beliefs[given].slides if some else ():
                 _add_slide_rows(results, model, given, number, some)
     return results, scenes
 
@@ -153,22 +153,22 @@ def _watch(
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)
     times = torch.tensor([*OBSERVED, longest]).minimum(ends[:, None]) - 1
     touched = find_touched(scenes, seen)
-    told: list[dict[str, Told]] = [{} for _ in tracks]
+    of_tracks: list[dict[str, Told]] = [{} for _ in tracks]
     for given in inputs:
         watched = seen if given == "motion" else with_sensor(seen, tracks, rngs)
         known = unweighed(scenes) if given != "force_friction_unknown" else without_friction(unweighed(scenes))
         beliefs = {name: ask(model.masses, model, known, watched, times)[0] for name, model in models.items()}
         for k, track in enumerate(tracks):
             slide = masses_of(track) * track.scene.table.friction * GRAVITY
-            told[k][given] = Told(_subsets(touched, k, times[k]), {}, slide, {})
+            of_tracks[k][given] = Told(_subsets(touched, k, times[k]), {}, slide, {})
             for name, belief in beliefs.items():
-                told[k][given].answers[name] = believed(belief).take(k)
+                of_tracks[k][given].answers[name] = believed(belief).take(k)
                 if given == "force_friction_unknown":
                     slides = (getattr(belief, f"slide_{part}")[k].numpy() for part in SlideAnswer._fields)
-                    told[k][given].slides[name] = SlideAnswer(*slides)
+                    of_tracks[k][given].slides[name] = SlideAnswer(*slides)
             if given == "motion":
-                told[k][given].answers.update(_observed(track, touched.pairs[k, times[k]].numpy()))
-    return told
+                of_tracks[k][given].answers.update(_observed(track, touched.pairs[k, times[k]].numpy()))
+    return of_tracks
 
 
 def _subsets(touched: Touched, scene: int, times: torch.Tensor) -> dict[str, np.ndarray]:
@@ -185,11 +185,11 @@ def _observed(track: Track, pairs: Bool[np.ndarray, "times pairs"]) -> dict[str,
 
 
 def _add_rows(results: Results, model: str, given: str, objects: int, scenes: Sequence[SceneMasses]) -> None:
-    told = [scene.told[given] for scene in scenes]
-    scores = [_scores(scene.masses, of_scene.answers[model]) for scene, of_scene in zip(scenes, told, strict=True)]
+    beliefs = [scene.beliefs[given] for scene in scenes]
+    scores = [_scores(scene.masses, of_scene.answers[model]) for scene, of_scene in zip(scenes, beliefs, strict=True)]
     for time, observed in enumerate(TIMES):
         for subset in SUBSETS:
-            chosen = [of_scene.chosen[subset][time] for of_scene in told]
+            chosen = [of_scene.chosen[subset][time] for of_scene in beliefs]
             scene = np.repeat(np.arange(len(scenes)), [some.sum() for some in chosen])
             some = MassScores(
                 *(
@@ -220,12 +220,12 @@ def _scores(masses: Float[np.ndarray, " bodies"], answer: MassAnswer) -> MassSco
 
 
 def _add_slide_rows(results: Results, model: str, given: str, objects: int, scenes: Sequence[SceneMasses]) -> None:
-    told = [scene.told[given] for scene in scenes]
-    true = np.stack([of_scene.slide for of_scene in told])
-    slides = SlideAnswer(*map(np.stack, zip(*(of_scene.slides[model] for of_scene in told), strict=True)))
+    beliefs = [scene.beliefs[given] for scene in scenes]
+    true = np.stack([of_scene.slide for of_scene in beliefs])
+    slides = SlideAnswer(*map(np.stack, zip(*(of_scene.slides[model] for of_scene in beliefs), strict=True)))
     for time, observed in enumerate(TIMES):
         for subset in SUBSETS:
-            chosen = np.stack([of_scene.chosen[subset][time] for of_scene in told])
+            chosen = np.stack([of_scene.chosen[subset][time] for of_scene in beliefs])
             scene = chosen.nonzero()[0]
             labels: dict[str, Any] = {"objects": objects, "observed_frames": observed, "input": given, "subset": subset}
             relative = np.abs(slides.median[:, time] / true - 1)[chosen]

@@ -64,14 +64,14 @@ class RatioLikelihood:
         self, points: Float[np.ndarray, "points dimensions"], seen: Float[np.ndarray, " values"]
     ) -> Float[np.ndarray, " points"]:
         """Of a Gaussian with covariance 1 + U V U', in units of the noise: directions U, and variances V along them."""
-        told = []
+        log_likelihoods = []
         for some in np.array_split(points, len(points) // 1024 + 1):
             away = self.table.at(some) * self._scale - seen
             along = away @ self._directions
             variance = self._variance[self.table.cells_of(some)]
             explained = np.square(along) * variance / (1 + variance) - np.log1p(variance)
-            told.append(0.5 * (explained.sum(-1) - np.square(away).sum(-1)))
-        return np.concatenate(told).astype(np.float64)
+            log_likelihoods.append(0.5 * (explained.sum(-1) - np.square(away).sum(-1)))
+        return np.concatenate(log_likelihoods).astype(np.float64)
 
 
 def _roughness(

@@ -89,13 +89,13 @@ def evaluate_splits(
         job._replace(stands_for=fingerprint(same, job.name, job.learnt_from, job.asked))
         for job in jobs_of(pushes, seed, str(contact), folder / same[:12], SIZES)
     ]
-    told: dict[str, list[Measured]] = {}
+    measured: dict[str, list[Measured]] = {}
     for done, (job, some) in enumerate(run_in_processes(_measure, jobs, workers), start=1):
-        told[job.name] = some
+        measured[job.name] = some
         progress("splits", done, len(jobs))
     found: dict[tuple[str, int, str], list[Measured]] = {}
     for job in jobs:
-        for one in told[job.name]:
+        for one in measured[job.name]:
             found.setdefault((one.split, one.adapted_with, one.model), []).append(one)
     return [
         Measured(

@@ -61,11 +61,11 @@ def ask(
 ) -> tuple[Batch, Watch]:
     """Answers about each scene after its frames `times`, [batch times ...], and what was watched in the end."""
     wanted = set(times.flatten().tolist())
-    told = {}
+    answers_at = {}
     for frame, watched in enumerate(watch(model, scenes, seen)):
         if frame in wanted:
-            told[frame] = question(watched)
-    place = {frame: k for k, frame in enumerate(told)}
+            answers_at[frame] = question(watched)
+    place = {frame: k for k, frame in enumerate(answers_at)}
     at_times = torch.tensor([[place[time] for time in row] for row in times.tolist()])
     batch = torch.arange(len(times))[:, None]
-    return map_tensors(lambda *answers: torch.stack(answers)[at_times, batch], *told.values()), watched
+    return map_tensors(lambda *answers: torch.stack(answers)[at_times, batch], *answers_at.values()), watched

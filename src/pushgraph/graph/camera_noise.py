@@ -20,9 +20,18 @@ BENT_COUNT = 6.0
 """What bodies that may move show counts as so many numbers seen at rest."""
 FINEST = 5e-5
 """Errors are expected to be this large at least (m), of turns at LEVER: joints give way by about as much."""
+UNSEEN_SHARE, MOST_UNSEEN = 1.5, 3e-4
+"""A noisy camera has a lens and a calibration, too: errors that do not show as noise are expected to be so many times
+as large as noise, but not larger than this (m), of turns at LEVER."""
 LEAST_BEND = 1e-12
 """Squares of second differences (m^2, rad^2) are taken for this at least, as they stand in logarithms."""
-CONSTANTS = {"finest": FINEST, "bent_count": BENT_COUNT, "least_bend": LEAST_BEND}
+CONSTANTS = {
+    "finest": FINEST,
+    "unseen_share": UNSEEN_SHARE,
+    "most_unseen": MOST_UNSEEN,
+    "bent_count": BENT_COUNT,
+    "least_bend": LEAST_BEND,
+}
 """What features made of it depend on."""
 
 
@@ -71,11 +80,12 @@ class CameraNoise(NamedTuple):
         logarithm = torch.where(found, median, 1.0).clamp(min=LEAST_BEND).log()
         return self._replace(bends=self.bends + torch.where(found, logarithm, 0.0), frames=self.frames + found)
 
-    @property
-    def variance(self) -> Float[Tensor, "batch 2"]:
-        """Of either coordinate of a position (m^2), and of a yaw (rad^2): of noise and of camera_error together."""
-        levers = self.camera_error.new_tensor([1.0, LEVER])
-        return self.spread.double().square() + (self.camera_error[:, None] / levers).square()
+    def variance(self, spread: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 2"]:
+        """Of either coordinate of a position (m^2), and of a yaw (rad^2): of noise, and of errors that do not show as
+        noise: camera_error, or what is expected of a camera with such noise, whichever is more. spread: `spread`."""
+        levers, spread = self.camera_error.new_tensor([1.0, LEVER]), spread.double()
+        unseen = torch.maximum(self.camera_error[:, None], (UNSEEN_SHARE * spread * levers).clamp(max=MOST_UNSEEN))
+        return spread.square() + (unseen / levers).square()
 
     @property
     def spread(self) -> Float[Tensor, "batch 2"]:

@@ -30,14 +30,15 @@ ANCHOR_SPREAD = 0.05
 AXIS_PULL = 0.002
 """Sliders are taken to slide along the line of centres until the drift has spread by about this much (m)."""
 RIDGE = (MEASURED / ANCHOR_SPREAD) ** 2
-RECENT = 6.0
-"""Recent motion is a running mean: the last frame counts as one of so many."""
+RECENT, SLOW = 6.0, 24.0
+"""Recent motion is a running mean: the last frame counts as one of so many; of the slower one, as one of these."""
 CONSTANTS = {
     "first_count": FIRST_COUNT,
     "measured": MEASURED,
     "anchor_spread": ANCHOR_SPREAD,
     "axis_pull": AXIS_PULL,
     "recent": RECENT,
+    "slow": SLOW,
 }
 """What features made of fits depend on."""
 
@@ -96,32 +97,13 @@ class SliderFit(NamedTuple):
         return ((motion.drift - self.centre) * self.axis.conj()).imag
 
 
-class Misfit(NamedTuple):
-    """How much farther off each joint is than a camera's noise explains: standard deviations of what noise gives.
-
-    fixed_drift, fixed_turn, hinge, slider: of the sums of squares that the fits leave. mean_drift, mean_turn: of the
-    means since the pair moved; recent_drift, recent_turn: of running means; drift, turn: in the last frame.
-    """
-
-    fixed_drift: Float[Tensor, "batch pairs"]
-    fixed_turn: Float[Tensor, "batch pairs"]
-    hinge: Float[Tensor, "batch pairs"]
-    slider: Float[Tensor, "batch pairs"]
-    mean_drift: Float[Tensor, "batch pairs"]
-    mean_turn: Float[Tensor, "batch pairs"]
-    recent_drift: Float[Tensor, "batch pairs"]
-    recent_turn: Float[Tensor, "batch pairs"]
-    drift: Float[Tensor, "batch pairs"]
-    turn: Float[Tensor, "batch pairs"]
-
-
 class JointFits(NamedTuple):
     """Sums over the frames in which either body of a pair moved.
 
     frames: how many. turn: of exp(i t). drift: of d. turned_back: of exp(-i t) d. squared: of d^2. square: of |d|^2.
     lowest_turn, highest_turn: of t (rad). first_drift, last_drift: the two d that are farthest apart along the line.
-    rested: frames that the place where the memory began is the mean of. recent_drift, recent_angle: running means of
-    d and t (rad).
+    rested: frames that the place where the memory began is the mean of. recent_drift, recent_angle, slow_drift,
+    slow_angle: running means of d and t (rad).
     """
 
     frames: Float[Tensor, "batch pairs"]
@@ -137,6 +119,8 @@ class JointFits(NamedTuple):
     rested: Float[Tensor, "batch pairs"]
     recent_drift: Complex[Tensor, "batch pairs"]
     recent_angle: Float[Tensor, "batch pairs"]
+    slow_drift: Complex[Tensor, "batch pairs"]
+    slow_angle: Float[Tensor, "batch pairs"]
 
     @classmethod
     def begin(cls, pairs: Bool[Tensor, "batch pairs"]) -> "JointFits":
@@ -146,7 +130,7 @@ class JointFits(NamedTuple):
         nowhere, one = none.to(torch.complex128), torch.ones_like(none)
         return cls(
             *(first, first + nowhere, nowhere, nowhere, nowhere, none, none, none, nowhere, nowhere),
-            *(one, nowhere, none),
+            *(one, nowhere, none, nowhere, none),
         )
 
     def observe(self, motion: RelativeMotion, moved: Bool[Tensor, "batch pairs"]) -> "JointFits":
@@ -176,6 +160,8 @@ class JointFits(NamedTuple):
             self.rested,
             self.recent_drift + on * (motion.drift - self.recent_drift) / RECENT,
             self.recent_angle + on * (motion.angle - self.recent_angle) / RECENT,
+            self.slow_drift + on * (motion.drift - self.slow_drift) / SLOW,
+            self.slow_angle + on * (motion.angle - self.slow_angle) / SLOW,
         )
 
     @property
@@ -211,41 +197,6 @@ class JointFits(NamedTuple):
         elongation = (scatter * axis.conj().square()).real
         along, across = ((size + sign * elongation).clamp(min=0).div(2).sqrt() for sign in (1, -1))
         return SliderFit(centre, axis, along, across)
-
-    def misfit(
-        self,
-        motion: RelativeMotion,
-        resting: Float[Tensor, "batch pairs"],
-        drift_noise: Float[Tensor, "batch pairs"],
-        turn_noise: Float[Tensor, "batch pairs"],
-        line: Complex[Tensor, "batch pairs"],
-    ) -> Misfit:
-        """What a camera's noise does not explain of what was seen before the last frame, and of this.
-
-        motion: in the last frame. resting: frames that it is the mean of. drift_noise (m), turn_noise (rad): standard
-        deviations of either coordinate of the drift, and of the turn, in one frame. line: see `slider`.
-        """
-        moved = self.frames - FIRST_COUNT
-        begun = self.rested - FIRST_COUNT
-        # The place where the memory began is as sure as the frames that it is the mean of.
-        whole = self._replace(frames=self.frames + begun, turn=self.turn + begun)
-        scatter = self.square - self.drift.abs().square() / whole.frames
-        spread = whole.frames - whole.turn.abs().square() / whole.frames
-        hinge, slider = whole.hinge().residual.square(), whole.slider(line).across.square()
-        left = torch.stack((scatter, spread, hinge * whole.frames, slider * whole.frames))
-        noise = torch.stack((drift_noise, turn_noise))
-        squares = left / noise[[0, 1, 0, 0]].square()
-        free = torch.stack((2 * moved, moved, 2 * moved - 2, moved - 1)).clamp(min=0)
-        excess = (squares - free) / (2 * free.clamp(min=1)).sqrt()
-
-        some = moved.clamp(min=1)
-        mean_angle = (self.turn - FIRST_COUNT).angle() * (moved > 0)
-        drifts = torch.stack((self.drift / some, self.recent_drift, motion.drift)).abs()
-        angles = torch.stack((mean_angle, self.recent_angle, motion.angle)).abs()
-        sightings = torch.stack((some, torch.full_like(some, 2 * RECENT - 1), resting))
-        sure = noise[:, None] * (1 / sightings + 1 / self.rested).sqrt()
-        shifts = torch.stack((drifts, angles)) / sure
-        return Misfit(*excess, *shifts.transpose(0, 1).flatten(0, 1))
 
     @property
     def turn_range(self) -> Float[Tensor, "batch pairs"]:

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from pushgraph.graph import camera_noise, joint_fit
 from pushgraph.graph.broad_phase import LEVER
-from pushgraph.graph.joint_fit import Misfit, turning
+from pushgraph.graph.joint_fit import turning
+from pushgraph.graph.misfit import Misfit, misfit
 from pushgraph.graph.scene_batch import pairs_of
 from pushgraph.graph.watching import LONGEST_REST, Frame
 from pushgraph.pose import as_complex, wrap_angle
@@ -102,31 +103,36 @@ def pair_evidence(
         -1,
     )
     fine = (fine / FINE).asinh()
-    noise = frame.noise.spread.float() * fine.new_tensor([1 / FINE, LEVER / FINE])
+    spread = frame.noise.spread
+    noise = spread.float() * fine.new_tensor([1 / FINE, LEVER / FINE])
     down = frame.control.down[:, None].expand_as(linked)
     of_pair = torch.stack((frame.adjacent_at_first, linked, down), -1).float()
+    centres_of_a = (distance * axis)[..., 0].to(torch.complex128)
     columns = (
         *(fine[..., :-4], fine[..., -4:-2], receiver_anchor, fine[..., -2:], sender_anchor),
         *(receiver[..., 2:3], sender[..., 2:3], receiver[..., 3:], sender[..., 3:]),
         of_pair[:, :, None].expand(-1, -1, 2, -1),
         _fit_evidence(frame, axis[..., 0].to(torch.complex128)).float(),
         noise.asinh()[:, None, None].expand(*fine.shape[:3], -1),
-        _misfit_evidence(frame, axis[..., 0].to(torch.complex128)).float()[:, :, None].expand(-1, -1, 2, -1),
+        _misfit_evidence(frame, spread, centres_of_a).float()[:, :, None].expand(-1, -1, 2, -1),
     )
     return torch.cat(columns, -1)
 
 
 def _misfit_evidence(
-    frame: Frame, axis: Complex[Tensor, "batch pairs"]
+    frame: Frame, spread: Float[Tensor, "batch 2"], centres: Complex[Tensor, "batch pairs"]
 ) -> Float[Tensor, "batch pairs misfit_features"]:
-    """What the camera's noise does not explain, and of how many frames it is the mean. axis: see `_fit_evidence`."""
+    """What the camera's noise does not explain, and of how many frames it is the mean.
+
+    spread: of that noise, see `CameraNoise`. centres: see `misfit`.
+    """
     relations, fits = frame.after.relations, frame.fits
-    position, yaw = frame.noise.variance.unbind(-1)
+    position, yaw = frame.noise.variance(spread).unbind(-1)
     levers = (relations.anchor_a.double().square() + relations.anchor_b.double().square()).sum(-1)
     drift_noise = (2 * position[:, None] + levers / 2 * yaw[:, None]).sqrt()
     turn_noise = (2 * yaw).sqrt()[:, None].expand_as(drift_noise)
-    misfit = fits.misfit(frame.relative, frame.resting, drift_noise, turn_noise, axis)
-    return torch.cat((torch.stack(misfit, -1).asinh(), torch.stack((fits.rested, frame.resting), -1).log()), -1)
+    off = misfit(fits, frame.relative, frame.resting, drift_noise, turn_noise, centres)
+    return torch.cat((torch.stack(off, -1).asinh(), torch.stack((fits.rested, frame.resting), -1).log()), -1)
 
 
 def _fit_evidence(frame: Frame, axis: Complex[Tensor, "batch pairs"]) -> Float[Tensor, "batch pairs 2 fit_features"]:

@@ -73,7 +73,7 @@ class BeliefRecipe(Schema, Protocol):
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """What a frame tells, given what was foreseen."""
 
-    def encode(self, told: Float[Tensor, "*frames rows 2 told"]) -> Float[Tensor, "*frames rows 2 encoded"]:
+    def encode(self, evidence: Float[Tensor, "*frames rows 2 evidence"]) -> Float[Tensor, "*frames rows 2 encoded"]:
         """Encode evidence; the part that needs no memory."""
 
     def step(
@@ -126,14 +126,14 @@ class BeliefNetwork(nn.Module):
 
     def evidence(self, frame: Frame, foresight: Foresight) -> Evidence:
         """What a frame tells, given what was foreseen."""
-        told = pair_evidence(frame, foresight.motion, foresight.linked)
+        of_pairs = pair_evidence(frame, foresight.motion, foresight.linked)
         relations = frame.after.relations
         active = relations.remembered & ~relations.known
-        return Evidence(torch.cat((told, foresight.latents.to(told.dtype)), -1), active, frame.moved)
+        return Evidence(torch.cat((of_pairs, foresight.latents.to(of_pairs.dtype)), -1), active, frame.moved)
 
-    def encode(self, told: Float[Tensor, "*frames rows 2 features"]) -> Float[Tensor, "*frames rows 2 hidden"]:
+    def encode(self, evidence: Float[Tensor, "*frames rows 2 features"]) -> Float[Tensor, "*frames rows 2 hidden"]:
         """Encode evidence; the part that needs no memory."""
-        return self.encoder(told)
+        return self.encoder(evidence)
 
     def step(
         self,
@@ -147,11 +147,11 @@ class BeliefNetwork(nn.Module):
         receiver, sender = rows.receiver.flatten(), rows.sender.flatten()
         old = memory.relations.flatten(0, 1)
         ends = memory.objects[receiver], memory.objects[sender]
-        told = encoded.flatten(0, 1)
-        new = self.relation_cell(torch.cat((told, *ends), -1), old[:, : self.hidden])
+        encoded_rows = encoded.flatten(0, 1)
+        new = self.relation_cell(torch.cat((encoded_rows, *ends), -1), old[:, : self.hidden])
         on, seen = (some[:, None].expand(-1, 2).flatten()[:, None] for some in (active & moved, active))
         state, last = old.split(self.hidden, -1)
-        relations = torch.cat((torch.where(on, new, state), torch.where(seen, told, last)), -1)
+        relations = torch.cat((torch.where(on, new, state), torch.where(seen, encoded_rows, last)), -1)
         messages = self.to_object(relations[:, : self.hidden]) * on
         total = torch.zeros_like(memory.objects).index_add(0, receiver, messages)
         count = torch.zeros_like(memory.objects[:, :1]).index_add(0, receiver, on.to(total.dtype))
@@ -199,9 +199,9 @@ class PaperBelief(nn.Module):
         active = foresight.linked & ~frame.after.relations.known
         return Evidence(foresight.latents.float() / LATENT_UNIT, active, frame.moved)
 
-    def encode(self, told: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
+    def encode(self, evidence: Float[Tensor, "*frames rows 2 latents"]) -> Float[Tensor, "*frames rows 2 latents"]:
         """The latents themselves."""
-        return told
+        return evidence
 
     def step(
         self,

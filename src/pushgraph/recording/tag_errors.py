@@ -84,10 +84,10 @@ def _moved_reference(scene: Scene, frames: Frames, mend: bool) -> Checked:
             continue
         middle = pose.rotate(before[:, :2].mean(0), motion.rotation)
         pose_new_from_old = np.array([*(after[:, :2].mean(0) - middle), motion.rotation])
-        told = pose.compose(pose_new_from_old, frames.poses[step, 0])[:2] - frames.poses[step + 1, 0, :2]
+        expected = pose.compose(pose_new_from_old, frames.poses[step, 0])[:2] - frames.poses[step + 1, 0, :2]
         stayed = np.hypot(*np.diff(frames.poses[step : step + 2, 0, :2], axis=0)[0])
         lifted = frames.push[step] != frames.push[step + 1] or not frames.down[step]
-        with_robot = lifted or np.hypot(*told) < stayed
+        with_robot = lifted or np.hypot(*expected) < stayed
         what = (
             f"all {len(bodies)} bodies leap as one, by {np.nanmax(shift[step]) * 100:.1f} cm and "
             f"{np.degrees(motion.rotation):.1f} degrees" + (", the robot with them" if with_robot else "")

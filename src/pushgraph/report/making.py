@@ -72,7 +72,8 @@ def _replays(out: Path) -> Section:
 
 
 def _introduction(size: str, seconds: float) -> list[str]:
-    weights = Table("Weights", ("name", "SHA-256"), [(name, f"`{told}`") for name, told in hashes_of_weights().items()])
+    hashes: list[tuple[str, ...]] = [(name, f"`{digest}`") for name, digest in hashes_of_weights().items()]
+    weights = Table("Weights", ("name", "SHA-256"), hashes)
     packages = ", ".join(f"{name} {version(name)}" for name in ("pushgraph", "torch", "mujoco", "numpy", "numba"))
     machine = f"{platform.machine()}, {usable_cores()} cores, {platform.system()}, Python {platform.python_version()}"
     return [

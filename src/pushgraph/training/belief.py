@@ -70,15 +70,15 @@ def belief_loss(
 
     mean: over the processes that share the batch, of what is divided by.
     """
-    told = answers(network, dynamics, seen)
-    frames = len(told.log_odds)
-    growing = torch.linspace(0, LAST_WEIGHT, frames, device=told.log_odds.device)
-    weight = growing[:, None] * told.begun * seen.lasts[told.rows.scene].T
-    joint = seen.joint[told.rows.scene, told.rows.pair].expand(frames, -1)
-    surprise = functional.cross_entropy(told.log_odds.flatten(0, 1).float(), joint.flatten(), reduction="none")
-    counts = torch.stack((weight.sum(), weight.new_tensor(float(told.restless.numel()))))
-    answered, changes = mean(counts).clamp(min=1e-9)
-    return (surprise * weight.flatten()).sum() / answered + SMOOTH * told.restless.sum() / changes
+    answered = answers(network, dynamics, seen)
+    frames = len(answered.log_odds)
+    growing = torch.linspace(0, LAST_WEIGHT, frames, device=answered.log_odds.device)
+    weight = growing[:, None] * answered.begun * seen.lasts[answered.rows.scene].T
+    joint = seen.joint[answered.rows.scene, answered.rows.pair].expand(frames, -1)
+    surprise = functional.cross_entropy(answered.log_odds.flatten(0, 1).float(), joint.flatten(), reduction="none")
+    counts = torch.stack((weight.sum(), weight.new_tensor(float(answered.restless.numel()))))
+    total_weight, changes = mean(counts).clamp(min=1e-9)
+    return (surprise * weight.flatten()).sum() / total_weight + SMOOTH * answered.restless.sum() / changes
 
 
 class BeliefTask:
@@ -170,16 +170,16 @@ class BeliefTask:
         """Sums over pairs of `numbers`, and how many pairs there are; of the first all, after the last frame seen."""
         surprise, wrong = [], []
         for seen in self._validation:
-            told = answers(cast(BeliefRecipe, network), self._dynamics, seen)
-            joint = seen.joint[told.rows.scene, told.rows.pair]
-            adjacent = self._adjacent[told.rows.scene, told.rows.pair]
+            answered = answers(cast(BeliefRecipe, network), self._dynamics, seen)
+            joint = seen.joint[answered.rows.scene, answered.rows.pair]
+            adjacent = self._adjacent[answered.rows.scene, answered.rows.pair]
             for frame in VALIDATED:
                 # Where trajectories are shorter, their last frame stands for it.
-                frame = min(frame, len(told.log_odds))
-                log_odds = told.log_odds[frame - 1].float()
+                frame = min(frame, len(answered.log_odds))
+                log_odds = answered.log_odds[frame - 1].float()
                 losses = functional.cross_entropy(log_odds[adjacent], joint[adjacent], reduction="sum")
                 surprise.append(torch.stack((losses, adjacent.sum().to(losses.dtype))))
-                touched = self._touched[told.rows.scene, frame - 1, told.rows.pair]
+                touched = self._touched[answered.rows.scene, frame - 1, answered.rows.pair]
                 failed = (log_odds.argmax(-1) != joint)[touched].to(losses.dtype)
                 wrong.append(torch.stack((failed.sum(), failed.new_tensor(float(len(failed))))))
         of_touched = [wrong[VALIDATED.index(frame) + offset] for offset in (0, len(VALIDATED)) for frame in (40, 200)]

@@ -76,8 +76,9 @@ def _conduct(
         with torch.random.fork_rng():
             torch.manual_seed(seed_of("first weights", seed=training.seed))
             network = build_network(training.model, training.config).to(device)
-        if training.start_from:
-            network.load_state_dict(load_checkpoint(training.start_from).network.state_dict())
+        start = load_checkpoint(training.start_from).network.state_dict() if training.start_from else {}
+        if start:
+            network.load_state_dict(start)
         if training.batch < processes.count:
             raise TrainingError(f"batch: {training.batch} cannot be shared by {processes.count} processes")
         task = make_task(training, processes, device)
@@ -90,6 +91,7 @@ def _conduct(
             training.VALIDATIONS,
             amsgrad=training.model == "propnet",
             least_gain=training.least_gain,
+            keeps_last=training.share_of_start > 0,
         )
         if not processes.leads:
             with contextlib.suppress(TrainingInterrupted):
@@ -106,6 +108,8 @@ def _conduct(
                 raise TrainingInterrupted(message) from None
             finally:
                 recorder.close()
+            for name, weights in network.state_dict().items() if training.share_of_start else ():
+                weights.lerp_(start[name].to(weights), training.share_of_start)
             finish(network, task)
             record = {
                 "training": settings | {"processes": processes.count},
@@ -118,7 +122,8 @@ def _conduct(
                 "curve": now.curve,
             }
             save_checkpoint(Checkpoint(training.model, training.config, network, record, task.physics), run.out)
-            recorder.say(f"done: the weights that validated best are in {run.out}")
+            kept = "mean of the first and last weights" if training.share_of_start else "weights that validated best"
+            recorder.say(f"done: in {run.out}, the {kept}")
     return now
 
 

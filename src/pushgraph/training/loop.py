@@ -56,7 +56,8 @@ class Task(Protocol):
 class Schedule:
     """How long and how fast: the learning rate rises, then falls to zero along a cosine.
 
-    least_gain: what training starts from is kept unless something validates better by this share.
+    least_gain: what training starts from is kept unless something validates better by this share. keeps_last: the last
+    weights are kept instead of those that validated best.
     """
 
     steps: int
@@ -64,6 +65,7 @@ class Schedule:
     validations: int = 20
     amsgrad: bool = False
     least_gain: float = 0.05
+    keeps_last: bool = False
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -84,7 +86,7 @@ def train(
     processes: Processes,
     recorder: Recorder | None,
 ) -> Progress:
-    """Train a network and leave the weights that validated best in it; goes on from the running checkpoint.
+    """Train a network and leave the best weights in it, or the last; goes on from the running checkpoint.
 
     recorder: of the leading process. Raises TrainingError if a loss is not finite; the state that caused it is saved
     then. Raises TrainingInterrupted after Ctrl-C, everything being saved.
@@ -119,8 +121,8 @@ def train(
             loss = learning(step)
             loss.backward()
             norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
-            told = torch.stack([loss.detach().double(), loss.new_tensor(float(stopping.asked)).double()])
-            mean_loss, stops = processes.mean(told).tolist()
+            of_process = torch.stack([loss.detach().double(), loss.new_tensor(float(stopping.asked)).double()])
+            mean_loss, stops = processes.mean(of_process).tolist()
             if not math.isfinite(mean_loss + float(norm)):
                 raise TrainingError(_save_failure(network, running, processes, step, mean_loss, float(norm)))
             optimizer.step()
@@ -143,7 +145,8 @@ def train(
                 recorder.step(now, mean_loss)
             if stops and now.step < schedule.steps:
                 raise TrainingInterrupted(f"stopped after step {now.step} of {schedule.steps}; everything is saved")
-    network.load_state_dict(best)
+    if not schedule.keeps_last:
+        network.load_state_dict(best)
     return now
 
 

@@ -37,6 +37,9 @@ class Training(Settings):
     """A checkpoint whose weights to begin with."""
     least_gain: Annotated[float, Field(ge=0, lt=1)] = 0.05
     """What training starts from is kept unless something validates better by this share; validations are noisy."""
+    share_of_start: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Where this is not 0, nothing is chosen by validation: weights are the mean of those it starts from, which count
+    this much, and the last, the noise of both trainings averaging out (Wortsman et al. 2022, arXiv 2109.01903)."""
 
     def model_post_init(self, _: Any) -> None:
         """Raise TrainingError if there is no such network, or no such file."""
@@ -46,6 +49,8 @@ class Training(Settings):
             raise TrainingError(f"model: no network {self.model!r} to train; valid: {', '.join(networks)}")
         for name in ("data", "validation"):
             self._check_file(name, "pushgraph generate")
+        if self.share_of_start and self.start_from is None:
+            raise TrainingError("share_of_start: needs start_from, weights to take the mean with")
 
     def _check_file(self, name: str, maker: str) -> None:
         if not Path(getattr(self, name)).is_file():

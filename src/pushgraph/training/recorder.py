@@ -60,10 +60,10 @@ class Recorder:
         """The curve has a new row."""
         self._write_metrics(now)
         row = now.curve[-1]
-        told = ", ".join(f"{name} {row[name]:.4g}" for name in self._numbers if name in row)
+        numbers = ", ".join(f"{name} {row[name]:.4g}" for name in self._numbers if name in row)
         left = f", {(self._training.steps - now.step) * now.seconds / now.step:.0f} s left" if now.step else ""
         steps = f"step {now.step} of {self._training.steps}, {now.seconds:.0f} s{left}"
-        self.say(f"{steps}: loss {row['loss']:.4f}; validation: {told}")
+        self.say(f"{steps}: loss {row['loss']:.4f}; validation: {numbers}")
         if self._board is not None:
             for name in (name for name in self._numbers if name in row):
                 self._board.add_scalar(f"validation/{name}", row[name], now.step)

@@ -78,11 +78,11 @@ def _frictions(scene: Scene, history: BeliefHistory | None, time: float) -> list
     table, sides = scene.table.friction, scene.side_friction
     low, high = FRICTION
     prior = np.array([low + (high - low) * level for level in LEVELS[1:]])
-    told = _assumed(NOMINAL_TABLE_FRICTION, prior) if table is None else f"{table:g}"
+    friction = _assumed(NOMINAL_TABLE_FRICTION, prior) if table is None else f"{table:g}"
     masses = None if history is None else history.mass_history
     if masses is not None and masses.friction is not None:
         median, low, high = masses.friction[frame_at(masses.times, time)].tolist()
-        told = f"{median:.2g} ({low:.2g} to {high:.2g})"
+        friction = f"{median:.2g} ({low:.2g} to {high:.2g})"
     deviation = np.eye(COUNT)[Unknowns._fields.index("side_friction")]
     prior = np.asarray(Unknowns.of(np.array([-deviation, deviation])).side_friction)
     between = _assumed(NOMINAL_SIDE_FRICTION, prior) if sides is None else f"{sides:g}"
@@ -90,7 +90,7 @@ def _frictions(scene: Scene, history: BeliefHistory | None, time: float) -> list
     if scene.table.anisotropy:
         along = f"{scene.table.anisotropy:.0%} more along {math.degrees(scene.table.grain_world) % 180:.0f} degrees"
         grain = [("its grain", along)]
-    return [("friction of the table", told), *grain, ("between bodies", between)]
+    return [("friction of the table", friction), *grain, ("between bodies", between)]
 
 
 def _assumed(nominal: float, interval: Float[np.ndarray, "2"], unit: str = "") -> str:

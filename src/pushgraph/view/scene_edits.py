@@ -123,18 +123,18 @@ def move_push_end(scene: Scene, push: int, end: str, point: Sequence[float]) -> 
     place = [float(value) for value in point]
 
     def change(content: Content) -> None:
-        told = content["pushes"][push]
-        if end == "start" and told.get("direction") is not None:
-            told["end"] = scene.pushes[push].waypoints[-1, :2].tolist()
+        edited = content["pushes"][push]
+        if end == "start" and edited.get("direction") is not None:
+            edited["end"] = scene.pushes[push].waypoints[-1, :2].tolist()
         if end == "start":
-            told["start"] = place
-        elif told.get("path") is not None:
-            told["path"][-1] = [*place, *told["path"][-1][2:]]
+            edited["start"] = place
+        elif edited.get("path") is not None:
+            edited["path"][-1] = [*place, *edited["path"][-1][2:]]
         else:
-            told["end"] = place
-        if told.get("end") is not None:
-            told.pop("direction", None)
-            told.pop("distance", None)
+            edited["end"] = place
+        if edited.get("end") is not None:
+            edited.pop("direction", None)
+            edited.pop("distance", None)
 
     return edited(scene, change)
 

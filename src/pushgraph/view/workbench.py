@@ -99,8 +99,8 @@ class Workbench(Editing):
         planned = planner.plan(known, goal, dynamics, sampling=sampling, progress=progress)
         if not planned.pushes:
             raise PlanningError(f"no push that was tried brings {goal.body!r} nearer to its goal than it is")
-        told = scene.replace(pushes=planned.pushes)
-        self._become(scene=told, tracks={PREDICTED: self.foreseen(told)}, plan=planned, watching=None)
+        pushed = scene.replace(pushes=planned.pushes)
+        self._become(scene=pushed, tracks={PREDICTED: self.foreseen(pushed)}, plan=planned, watching=None)
 
     def forces(self, track: Track) -> KnownForces:
         """The forces at the contacts of one of the tracks, computed when they are first asked for."""

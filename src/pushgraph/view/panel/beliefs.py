@@ -68,8 +68,8 @@ def _told(work: Work) -> str:
         return block("Nothing was watched yet.")
     last, kinds = history.probabilities[-1], list(JOINT_CODES)
     rows = []
-    told = [row for row in (-last[:, 1:].max(1)).argsort(kind="stable").tolist() if last[row, 0] < 1 - DOUBT]
-    for row in told[:MOST_PAIRS]:
+    doubted = [row for row in (-last[:, 1:].max(1)).argsort(kind="stable").tolist() if last[row, 0] < 1 - DOUBT]
+    for row in doubted[:MOST_PAIRS]:
         one, other = map(html.escape, history.pairs[row])
         cells = "".join(f'<td style="text-align:right">{100 * share:.0f}</td>' for share in last[row])
         rows.append(f"<tr><td>{one} - {other}</td>{cells}</tr>")
