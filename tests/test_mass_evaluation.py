@@ -134,7 +134,7 @@ def test_masses_are_scored_as_worked_by_hand(prior_belief, row_of_three) -> None
     right = end | {"metric": "interval_accuracy", "model": "ratio_observer", "input": "motion", "subset": "touched"}
     assert row(results, **right) == 1.0
     assert row(results, subset="touched", input="motion", model="ratio_observer", **end) < 0.5
-    told = scenes[0].told["motion"].answers["ratio_observer"]
+    told = scenes[0].beliefs["motion"].answers["ratio_observer"]
     assert told.median[0].tolist() == [1.5, 1.5, 1.5]
     assert told.median[-1, 2] == 1.5
     # Only what a sensor changes is told once more, and only of the belief.
@@ -144,11 +144,11 @@ def test_masses_are_scored_as_worked_by_hand(prior_belief, row_of_three) -> None
 
 def test_newtons_to_slide_are_those_of_the_table_that_is_not_known(prior_belief, row_of_three) -> None:
     results, scenes = evaluate_masses([3], 1, SEED, {"belief": "belief"})
-    slide = scenes[0].told["force_friction_unknown"].slide
+    slide = scenes[0].beliefs["force_friction_unknown"].slide
     friction = slide / (GRAVITY * np.array([0.4, 9.0, 1.5]))
     assert np.ptp(friction) < 1e-9
     assert 0.2 < friction[0] < 0.6
-    np.testing.assert_allclose(scenes[0].told["force"].slide, GRAVITY * 0.45 * np.array([0.4, 9.0, 1.5]))
+    np.testing.assert_allclose(scenes[0].beliefs["force"].slide, GRAVITY * 0.45 * np.array([0.4, 9.0, 1.5]))
     labels = {"objects": 3, "observed_frames": "end", "subset": "all", "input": "force_friction_unknown"}
     assert row(results, metric="slide_error", **labels) == pytest.approx(np.median(np.abs(10 / slide - 1)))
     held = ((slide >= 5) & (slide <= 20)).mean()
