@@ -62,7 +62,7 @@ class BeliefModel:
     What it is given may be of NumPy or torch; to poses of NumPy it answers in NumPy.
 
     record: how it was trained. prior: how likely each joint is of a pair of neighbours before anything is seen.
-    camera_error: errors of poses that do not show as noise (m), of turns at LEVER.
+    camera_error: errors of poses that do not show as noise (m), of turns at LEVER; see `CameraNoise.variance`.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class BeliefModel:
         return BeliefModel(self.network, self.dynamics, self.record, prior, self.camera_error)
 
     def seen_by(self, camera_error: float) -> "BeliefModel":
-        """The same, where poses are off by more than noise shows.
+        """The same, where poses are off by more than noise shows, and by more than is expected of a noisy camera.
 
         camera_error: how far, in the standard deviation (m): a lens that bends, a scale that is not quite right. Noise
         is found by itself. It counts for joints, as `belief` tells them: `paper_recipe` and masses know no such error.

@@ -63,8 +63,8 @@ def observe(
     camera_error: Annotated[
         float | None,
         typer.Option(
-            help="How far poses are off beside noise, which is found by itself (m): 0.0003 for a lens that bends.",
-            show_default="next to nothing",
+            help="How far poses may be off beside noise, which is found by itself (m): 0.0005 for a lens that bends.",
+            show_default="1.5 times the noise, up to 0.0003",
         ),
     ] = None,
     model: Annotated[str, typer.Option(help="belief, paper_recipe, or a checkpoint.")] = "belief",

@@ -55,8 +55,7 @@ def misfit(
     from a's centre to b's, where the memory began (m).
     """
     noise = torch.stack((drift_noise, turn_noise))
-    squares = _excess_and_tilt(fits, noise, centres)
-    return Misfit(*squares, *_shifts(fits, motion, resting, noise))
+    return Misfit(*_excess_and_tilt(fits, noise, centres), *_shifts(fits, motion, resting, noise))
 
 
 def _excess_and_tilt(

@@ -108,8 +108,10 @@ def _conduct(
                 raise TrainingInterrupted(message) from None
             finally:
                 recorder.close()
-            for name, weights in network.state_dict().items() if training.share_of_start else ():
-                weights.lerp_(start[name].to(weights), training.share_of_start)
+            if training.share_of_start:
+                for name, weights in network.state_dict().items():
+                    if weights.is_floating_point():
+                        weights.lerp_(start[name].to(weights), training.share_of_start)
             finish(network, task)
             record = {
                 "training": settings | {"processes": processes.count},
