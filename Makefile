@@ -112,7 +112,9 @@ weights-belief: data
 	$(BELIEF) $(JOINTED) --frames 100 --samples 2800000 --learning-rate 5e-4 --share-of-start 0.5 --seed 16 \
 	  --start-from $(CACHE)/belief-5.safetensors --out $(CACHE)/belief-6.safetensors
 	$(BELIEF) $(JOINTED) $(MASSES) --keep-joints --batch 16 --samples 1000000 --learning-rate 6e-3 \
-	  --start-from $(CACHE)/belief-6.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
+	  --start-from $(CACHE)/belief-6.safetensors --out $(CACHE)/belief-7.safetensors
+	$(BELIEF) $(JOINTED) $(MASSES) --keep-joints --batch 64 --samples 2400000 --learning-rate 2e-3 --least-gain 0 --seed 42 \
+	  --start-from $(CACHE)/belief-7.safetensors --run-folder $(RUNS)/belief --out $(WEIGHTS)/belief.safetensors
 
 weights-paper-recipe: data
 	$(BELIEF) $(PARTS) --model paper_recipe --hidden 256 --frames 100 --batch 8 --samples 560000 --learning-rate 2e-3 \

@@ -145,6 +145,39 @@ def test_known_ratios_give_the_exact_posterior() -> None:
     assert float(answer.median[0, 0]) == pytest.approx(middle, rel=0.03)
 
 
+def test_pairs_cross_the_gaps_between_classes_together() -> None:
+    """Two pairs of equal bodies, 9 and 1.5 kg, each tied firmly, and one to the other loosely: against the integral
+    over the two masses. Evidence comes all at once, so chains begin with pairs of any class."""
+    scenes = unweighed(9.0, 9.0, 1.5, 1.5)
+    firm, loose = 1e5, 50.0
+    first, second, between = (
+        torch.tensor(row).double() for row in ([1.0, -1, 0, 0, 0], [0, 0, 1.0, -1, 0], [1.0, 0, -1, 0, 0])
+    )
+    ratio = math.log(9.0 / 1.5)
+    information = firm * (torch.outer(first, first) + torch.outer(second, second))
+    information += loose * torch.outer(between, between)
+    evidence = Evidence(information[None], (loose * ratio * between)[None])
+    chains = MassChains.begin(scenes, [MASS_CLASSES])
+    for number in range(64):
+        chains = chains.sweep(evidence, torch.ones(1, dtype=torch.bool), number)
+    probabilities = chains.answer(evidence, scenes).probabilities[0].numpy()
+
+    shares = shares_of(MASS_CLASSES)
+    mass = np.linspace(0.2, 10.0, 2_001)
+    density = sum(
+        share * ((mass >= one.lowest) & (mass <= one.highest)) / (one.highest - one.lowest)
+        for share, one in zip(shares, MASS_CLASSES, strict=True)
+    )
+    of_pair = density**2 * mass  # two bodies of equal mass: d(log ratio) = d(mass) / mass
+    apart = np.log(mass)[:, None] - np.log(mass) - ratio
+    weight = np.outer(of_pair, of_pair) * np.exp(-loose / 2 * apart**2)
+    for bodies, of_mass in (((0, 1), weight.sum(1)), ((2, 3), weight.sum(0))):
+        expected = [of_mass[(mass >= one.lowest) & (mass <= one.highest)].sum() for one in MASS_CLASSES]
+        expected = np.array(expected) / weight.sum()
+        for body in bodies:
+            assert probabilities[body] == pytest.approx(expected, abs=0.02)
+
+
 def test_a_body_pushed_alone_shows_nothing_of_its_mass(model: BeliefModel) -> None:
     scene = row_of(9.5)
     mass = weigh(scene, simulate(scene), model=model)["disc0"]

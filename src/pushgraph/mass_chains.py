@@ -113,7 +113,7 @@ class MassChains(NamedTuple):
 
         free, bodies = self.priors.free, self.samples.shape[2] - 1
         everyone = zip(evidence.information.cpu().numpy(), np.ones_like(free), strict=True)
-        return np.stack([tied(information, bodies, each) for information, each in everyone])
+        return np.stack([tied(information, bodies, each)[0] for information, each in everyone])
 
     def mean(self) -> Float[Tensor, "batch variables"]:
         """Mean of every variable."""

@@ -1,8 +1,8 @@
 """What is remembered of masses while scenes are watched, in constant memory.
 
 Every frame is evidence about masses: how far bodies are from where they were expected, given how that depends on
-masses. Evidence counts about the masses assumed when it was computed, so the most telling frames are kept and
-looked at again, one in each frame, with what is believed meanwhile; the others' evidence stays as it was.
+masses. Evidence counts about the masses assumed when it was computed, so the most telling frames are kept, and looked
+at again when other masses are believed meanwhile; the others' evidence stays as it was.
 
 Poses of a camera are noisy, so bodies are tracked: each starts from a mean of where it was expected and where it was
 seen (a Kalman filter), and what masses have to do with that is carried along.
@@ -24,8 +24,11 @@ from pushgraph.mass_chains import MassChains
 from pushgraph.network.mass_noise import Evidence, MassNoise, usual_noise
 from pushgraph.pose import wrap_angle
 
-KEPT = 16
+KEPT = 64
 """Frames that are looked at again."""
+AGAIN, STALE = 4, 0.02
+"""So many at most are looked at again in a frame: those whose evidence is the farthest from the masses that are assumed
+now, in squared standard deviations of what the frame shows, if it is at least so far."""
 TELLING = 1e-2
 """Frames with less information on masses than this are not kept."""
 PRIOR_SPREAD = 1.4
@@ -61,10 +64,12 @@ class Seen(NamedTuple):
 class Kept(NamedTuple):
     """Frames that are looked at again, KEPT of each scene, one scene after the other.
 
-    moves: bodies that took part. number: of the frame. worth: how much they tell; zero of empty places.
+    log_mass: as assumed when it was looked at last. moves: bodies that took part. number: of the frame. worth: how much
+    they tell; zero of empty places.
     """
 
     tracked: Tracked
+    log_mass: Float[Tensor, "places variables"]
     moves: Bool[Tensor, "places bodies"]
     control: Control
     seen: Seen
@@ -152,7 +157,7 @@ def begin(scenes: SceneBatch, poses: Float[Tensor, "batch bodies 3"], chains: Ma
     control = Control(nowhere, nowhere, nowhere, nothing > 0)
     empty = Evidence(poses.new_zeros(batch, variables, variables), poses.new_zeros(batch, variables))
     seen = Seen(poses, torch.full_like(nowhere, torch.nan))
-    one = Kept(tracked, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
+    one = Kept(tracked, empty.pull, poses[..., 0] > torch.inf, control, seen, nothing.long(), empty, nothing)
     kept = map_tensors(lambda values: values.repeat_interleave(KEPT, 0), one)
     return MassMemory(double(scenes), chains.mean().to(poses.device), tracked, kept, empty, empty, chains, 0)
 
@@ -181,9 +186,10 @@ def observe(
         return memory._replace(tracked=rested(memory.tracked, view, camera, torch.ones_like(view.seen)))
 
     batch = len(memory.log_mass)
-    again = _next_kept(memory, telling)
-    old = map_tensors(lambda values: values[again], memory.kept)
+    again = _stale(memory, telling)
     scene = torch.cat((torch.arange(batch, device=again.device), again // KEPT))
+    old = map_tensors(lambda values: values[again], memory.kept)
+    old = old._replace(tracked=about(old.tracked, memory.log_mass[again // KEPT] - old.log_mass))
     moves = torch.cat((moving(motion, memory.tracked.sensitivity), old.moves))
     tracked = concatenate((memory.tracked, old.tracked))
     controls, both = concatenate((control, old.control)), concatenate((seen, old.seen))
@@ -208,12 +214,13 @@ def observe(
 
     newest = map_tensors(lambda values: values[:batch], evidence)
     looked_again = map_tensors(lambda values: values[batch:], evidence)
-    put = map_tensors(lambda values, new: values.index_copy(0, again, new), memory.kept.evidence, looked_again)
-    worth = memory.kept.worth.index_copy(0, again, worth_of(looked_again).clamp(min=TELLING))
+    old = old._replace(
+        log_mass=log_mass[batch:], evidence=looked_again, worth=worth_of(looked_again).clamp(min=TELLING)
+    )
     kept, settled = _keep(
-        memory.kept._replace(evidence=put, worth=worth),
+        map_tensors(lambda values, new: values.index_copy(0, again, new), memory.kept, old),
         memory.settled,
-        Kept(memory.tracked, moves[:batch], control, seen, number, newest, worth_of(newest)),
+        Kept(memory.tracked, memory.log_mass, moves[:batch], control, seen, number, newest, worth_of(newest)),
         telling,
     )
     total = map_tensors(lambda old, values: old + values.unflatten(0, (batch, KEPT)).sum(1), settled, kept.evidence)
@@ -222,7 +229,7 @@ def observe(
     after = track(memory.tracked, first, map_tensors(lambda values: values[:batch], off))
     chains = memory.chains.sweep(total, telling, memory.frames)
     log_mass = torch.where(telling[:, None], chains.mean().to(telling.device), memory.log_mass)
-    after = after._replace(poses=after.poses + shift(after.sensitivity, log_mass - memory.log_mass))
+    after = about(after, log_mass - memory.log_mass)
     if not telling.all():
         after = rested(after, view, camera, ~telling[:, None])
     return MassMemory(memory.scenes, log_mass, after, kept, settled, total, chains, memory.frames)
@@ -261,12 +268,10 @@ def rested(
     )
 
 
-def shift(
-    sensitivity: Float[Tensor, "batch bodies 3 variables"], change: Float[Tensor, "batch variables"]
-) -> Float[Tensor, "batch bodies 3"]:
-    """How far poses move with a change of the masses assumed (m, rad)."""
-    moved = (sensitivity @ change[:, None, :, None])[..., 0]
-    return moved / moved.new_tensor([1.0, 1.0, LEVER])
+def about(tracked: Tracked, change: Float[Tensor, "batch variables"]) -> Tracked:
+    """The same after a change of the masses assumed."""
+    moved = (tracked.sensitivity @ change[:, None, :, None])[..., 0]
+    return tracked._replace(poses=tracked.poses + moved / moved.new_tensor([1.0, 1.0, LEVER]))
 
 
 def worth_of(evidence: Evidence) -> Float[Tensor, " batch"]:
@@ -296,12 +301,14 @@ def _spread(evidence: Evidence) -> Float[Tensor, "batch variables"]:
     return (known + PRIOR_SPREAD**-2).rsqrt().clamp(*VARIED)
 
 
-def _next_kept(memory: MassMemory, telling: Bool[Tensor, " batch"]) -> Tensor:
-    """Places of the kept frames whose turn it is, one of each scene that shows something."""
-    filled = memory.kept.worth.unflatten(0, (-1, KEPT)) > 0
-    place = torch.remainder(memory.frames, filled.sum(1).clamp(min=1))
-    places = place + KEPT * torch.arange(len(filled), device=filled.device)
-    return places[telling & filled.any(1)]
+def _stale(memory: MassMemory, telling: Bool[Tensor, " batch"]) -> Tensor:
+    """Places of the kept frames that are looked at again, of scenes that show something."""
+    change = memory.log_mass.repeat_interleave(KEPT, 0) - memory.kept.log_mass
+    away = (change[:, None] @ memory.kept.evidence.information @ change[..., None])[:, 0, 0]
+    away = torch.where((memory.kept.worth > 0) & telling.repeat_interleave(KEPT), away, 0.0)
+    farthest, place = away.unflatten(0, (-1, KEPT)).topk(AGAIN)
+    places = place + KEPT * torch.arange(len(place), device=place.device)[:, None]
+    return places[farthest > STALE]
 
 
 def _keep(kept: Kept, settled: Evidence, newest: Kept, telling: Bool[Tensor, " batch"]) -> tuple[Kept, Evidence]:

@@ -13,9 +13,10 @@ from pushgraph.belief import BeliefModel
 from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.coupled import FRAMES, STARTS, CoupledErrors, rollout_errors
 from pushgraph.evaluation.mass_answers import prior_mean
-from pushgraph.evaluation.masses import SETUP, weighed_tracks
+from pushgraph.evaluation.masses import SETUP, masses_of, ratios_told, weighed_tracks
 from pushgraph.evaluation.recording import ask, record
 from pushgraph.evaluation.results import Results
+from pushgraph.evaluation.touching import find_touched
 from pushgraph.graph.joint_truth import unweighed
 from pushgraph.graph.scene_batch import SceneBatch, batch_scenes
 from pushgraph.physics import PhysicsPredictor
@@ -25,7 +26,9 @@ FIRST_PUSH = "first_push"
 """Stands for the last frame of the first push, the rest after it included."""
 TIMES: tuple[int | str, ...] = (*STARTS, FIRST_PUSH)
 """Observed frames before a rollout of FRAMES starts; frame 0 is seen in any case."""
-MODELS = ("oracle", "belief", "mean_guess")
+MODELS = ("oracle", "ratio_observer", "belief", "mean_guess")
+"""Whose masses: true ones; the medians of who knows the exact ratios inside every group that touched so far, and the
+prior; the medians of what is believed; the prior's mean."""
 
 
 def evaluate_coupled_masses(
@@ -64,8 +67,17 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     scenes, times = batch_scenes([track.scene for track in tracks]), starts_of(tracks)
     seen = record(tracks, int(times.max()) + FRAMES)
     posterior, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
+    touched = find_touched(scenes, seen).pairs
+    ratios = [
+        ratios_told(masses_of(track), touched[k, times[k]].numpy(), track.scene.classes_of_mass).median
+        for k, track in enumerate(tracks)
+    ]
+    observer = torch.from_numpy(np.stack(ratios))
     mean = torch.full_like(scenes.mass, prior_mean(tracks[0].scene.classes_of_mass))
-    assumed = [[scenes, weighed(scenes, posterior.median[:, k]), weighed(scenes, mean)] for k in range(times.shape[1])]
+    assumed = [
+        [scenes, *(weighed(scenes, mass) for mass in (observer[:, k], posterior.median[:, k], mean))]
+        for k in range(times.shape[1])
+    ]
     errors = rollout_errors(dynamics, seen, times.T, assumed).numpy()
     return [
         CoupledErrors(block.objects, dict(zip(MODELS, errors[:, :, k].T, strict=True))) for k in range(len(tracks))

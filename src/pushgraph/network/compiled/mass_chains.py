@@ -1,8 +1,10 @@
 """Draw masses from what is known of them: evidence, a Gaussian over their logarithms, times what each may weigh.
 
 Variables are the logarithms of masses (kg), and last that of the table's friction. Every variable is drawn given all
-others, in turn; then bodies whose ratios the evidence ties move together along their common scale, which motion leaves
-open (every force scales with mass); then, where forces were measured, all of them against the friction.
+others, in turn; then bodies whose ratios the evidence ties move together along their common scale, first the two that
+are tied most firmly, in the end all that are tied, whose scale motion leaves open (every force scales with mass).
+Between two classes of mass there are gaps, which bodies that are tied can only cross together. Then, where forces were
+measured, all of them move against the friction.
 """
 
 import math
@@ -16,7 +18,7 @@ CELLS = 6
 SPAN = 5.0
 """Farther than this many standard deviations from where evidence has its highest point, nothing is looked for."""
 TIED = 0.05
-"""Bodies whose logarithms of mass are correlated by this much in the evidence move together."""
+"""Bodies, or clusters of them, that are correlated by this much in the evidence move together."""
 MOST_INTERVALS = 64
 SMALLEST = 1e-9
 """Widens intervals by so much, so that rounding does not empty them."""
@@ -36,11 +38,10 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     masses = variables - 1
     histogram[:] = 0.0
     unused = histogram[:0]
-    root = tied(information, masses, free)
-    sizes = np.zeros(variables, np.int64)
+    root, clusters, sizes = tied(information, masses, free)
+    groups = np.zeros(masses, np.int64)
     for i in range(masses):
-        if free[i]:
-            sizes[root[i]] += 1
+        groups[root[i]] += 1
     alone, everyone = np.empty(1, np.int64), np.empty(variables, np.int64)
     one, signs = np.ones(1), np.ones(variables)
     room = _room(lowest.shape[1])
@@ -49,19 +50,13 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
         for i in range(variables):
             if free[i]:
                 alone[0] = i
-                answers = histogram if i < masses and sizes[root[i]] == 1 else unused
+                answers = histogram if i < masses and groups[root[i]] == 1 else unused
                 _move(x, alone, one, information, pull, lowest, highest, density, numbers, used, answers, room)
                 used += 2
-        for first in range(masses):
-            if sizes[first] < 2:
-                continue
-            size = 0
-            for i in range(masses):
-                if free[i] and root[i] == first:
-                    everyone[size] = i
-                    size += 1
-            members = everyone[:size]
-            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, histogram, room)
+        for k in range(len(sizes)):
+            members = clusters[k, : sizes[k]]
+            answers = histogram if groups[root[members[0]]] == sizes[k] else unused
+            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, answers, room)
             used += 2
         friction = masses
         if free[friction] and information[friction, friction] > 0.0:
@@ -80,18 +75,35 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
 
 @compiled
 def tied(information, masses, free):
-    """For each of the first `masses` variables, the first of those that evidence ties it to."""
+    """Which of the first `masses` variables evidence ties to each other.
+
+    Returns for each the first of those that it is tied to, directly or by others; and the clusters that arise when the
+    two that are tied most firmly are joined, again and again: members in rising order, and how many they are. Of a
+    cluster counts the information on its common scale: what ties its members to each other has no part in it.
+    """
     root = np.arange(masses)
-    for i in range(masses):
-        for j in range(i):
-            scale = information[i, i] * information[j, j]
-            if not (free[i] and free[j]) or scale <= 0.0 or abs(information[i, j]) < TIED * math.sqrt(scale):
-                continue
-            low, high = min(root[i], root[j]), max(root[i], root[j])
-            for k in range(masses):
-                if root[k] == high:
-                    root[k] = low
-    return root
+    clusters, sizes = np.empty((max(masses - 1, 0), masses), np.int64), np.zeros(max(masses - 1, 0), np.int64)
+    common = information.copy()
+    for k in range(len(sizes)):
+        firmest, first, second = SMALLEST, -1, -1
+        for j in range(masses):
+            for i in range(j):
+                tie, scale = abs(common[i, j]), common[i, i] * common[j, j]
+                if root[i] != i or root[j] != j or not (free[i] and free[j]) or tie <= firmest:
+                    continue
+                if tie >= TIED * math.sqrt(max(scale, 0.0)):
+                    firmest, first, second = tie, i, j
+        if first < 0:
+            return root, clusters[:k], sizes[:k]
+        common[first] += common[second]
+        common[:, first] += common[:, second]
+        for i in range(masses):
+            if root[i] == second:
+                root[i] = first
+            if root[i] == first:
+                clusters[k, sizes[k]] = i
+                sizes[k] += 1
+    return root, clusters, sizes
 
 
 @compiled
