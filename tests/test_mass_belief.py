@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import pushgraph as pg
+from pushgraph import mass_memory
 from pushgraph.belief import BeliefModel
 from pushgraph.errors import BeliefError
 from pushgraph.graph.contact_graph import GRAVITY
@@ -41,6 +42,19 @@ def weigh(scene: pg.Scene, track: pg.Track, force: bool = False, model: BeliefMo
     for k, (poses, down) in enumerate(track.frames()):
         regulator.observe(poses, down, track.wrench[k] if force else None)
     return {mass.body: mass for mass in regulator.masses()}
+
+
+def weighed_memory(track: pg.Track, model: BeliefModel) -> mass_memory.MassMemory:
+    """What is remembered of the masses of a track's scene in its end."""
+    scenes = batch_scenes([track.scene])
+    scenes = scenes._replace(mass_known=torch.zeros_like(scenes.mass_known))
+    poses, down = torch.from_numpy(track.poses)[None], torch.from_numpy(track.down)[None]
+    everything = torch.ones(1, scenes.mass.shape[1], dtype=torch.bool)
+    watch = model.begin(scenes, poses[:, 0, 1:], poses[:, 0, 0], down[:, 0], everything, [MASS_CLASSES])
+    for k in range(1, poses.shape[1]):
+        watch = model.observe(watch, poses[:, k, 1:], poses[:, k, 0], down[:, k], everything, None)
+    assert watch.masses is not None
+    return watch.masses
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +228,20 @@ def test_where_friction_is_unknown_the_force_to_slide_is_known_and_the_mass_less
     assert unknown.slide[0] == pytest.approx(FRICTION * 1.5 * GRAVITY, rel=0.1)
     assert (unknown.slide[2] - unknown.slide[1]) / unknown.slide[0] < 0.3
     assert unknown.mass[2] / unknown.mass[1] > 1.3 * known.mass[2] / known.mass[1]
+
+
+def test_frames_are_looked_at_again_until_their_evidence_is_about_the_masses_assumed(
+    unequal: pg.Track, model: BeliefModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def farthest() -> float:
+        """How far the masses assumed now are from those that any kept frame's evidence is about."""
+        memory = weighed_memory(unequal, model)
+        change = memory.log_mass - memory.kept.log_mass
+        return float((change[:, None] @ memory.kept.evidence.information @ change[..., None]).max())
+
+    assert farthest() < mass_memory.STALE
+    monkeypatch.setattr(mass_memory, "_stale", lambda memory, telling: torch.zeros(0, dtype=torch.long))
+    assert farthest() > 1.0
 
 
 def test_side_by_side_is_as_one_at_a_time(unequal: pg.Track, model: BeliefModel) -> None:

@@ -30,7 +30,7 @@ from pushgraph.evaluation.coupled_masses import evaluate_coupled_masses
 from pushgraph.evaluation.exact_masses import ExactObserver
 from pushgraph.evaluation.mass_answers import MassAnswer, prior_answer
 from pushgraph.evaluation.mass_figures import save_alike
-from pushgraph.evaluation.masses import evaluate_masses, ratios_told
+from pushgraph.evaluation.masses import evaluate_masses, ratio_observer_over_time
 from pushgraph.evaluation.noise_floor import CAMERA
 from pushgraph.evaluation.ratio_table import simulated_table
 from pushgraph.evaluation.sensing import on_table
@@ -168,7 +168,7 @@ def test_pushes_on_another_table_are_the_same_as_far_as_they_can_be_made(row_of_
 
 def test_the_ratio_observer_learns_when_bodies_touch() -> None:
     pairs = np.array([[False, False, False], [True, False, False], [True, False, True]])  # ab, then ab and bc
-    told = ratios_told(np.array([0.4, 9.0, 1.5]), pairs, MASS_CLASSES)
+    told = ratio_observer_over_time(np.array([0.4, 9.0, 1.5]), pairs, MASS_CLASSES)
     np.testing.assert_allclose(told.probabilities[0], 1 / 3)
     np.testing.assert_allclose(told.probabilities[1], [LIGHT, HEAVY, [1 / 3] * 3], atol=1e-9)
     np.testing.assert_allclose(told.probabilities[2], [LIGHT, HEAVY, NORMAL], atol=1e-9)

@@ -13,7 +13,7 @@ from pushgraph.belief import BeliefModel
 from pushgraph.evaluation.blocks import Block, measure_blocks, numbers_of, origin
 from pushgraph.evaluation.coupled import FRAMES, STARTS, CoupledErrors, rollout_errors
 from pushgraph.evaluation.mass_answers import prior_mean
-from pushgraph.evaluation.masses import SETUP, masses_of, ratios_told, weighed_tracks
+from pushgraph.evaluation.masses import SETUP, masses_of, ratio_observer_over_time, weighed_tracks
 from pushgraph.evaluation.recording import ask, record
 from pushgraph.evaluation.results import Results
 from pushgraph.evaluation.touching import find_touched
@@ -69,7 +69,7 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     posterior, _ = ask(belief.masses, belief, unweighed(scenes), seen, times)
     touched = find_touched(scenes, seen).pairs
     ratios = [
-        ratios_told(masses_of(track), touched[k, times[k]].numpy(), track.scene.classes_of_mass).median
+        ratio_observer_over_time(masses_of(track), touched[k, times[k]].numpy(), track.scene.classes_of_mass).median
         for k, track in enumerate(tracks)
     ]
     observer = torch.from_numpy(np.stack(ratios))

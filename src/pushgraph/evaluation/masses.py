@@ -47,8 +47,8 @@ class SlideAnswer(NamedTuple):
     high: Float[np.ndarray, "*bodies"]
 
 
-class Told(NamedTuple):
-    """What was told of one scene at TIMES, given one of INPUTS.
+class Answers(NamedTuple):
+    """What was answered of one scene at TIMES, given one of INPUTS.
 
     chosen: the bodies of each of SUBSETS. answers: by model. slide: what truly slides each body (N). slides: what
     beliefs say of that, by model.
@@ -61,11 +61,11 @@ class Told(NamedTuple):
 
 
 class SceneMasses(NamedTuple):
-    """One scene: its masses (kg), and what was told of them by input."""
+    """One scene: its masses (kg), and the answers about them by input."""
 
     objects: int
     masses: Float[np.ndarray, " bodies"]
-    beliefs: dict[str, Told]
+    beliefs: dict[str, Answers]
 
 
 def evaluate_masses(
@@ -130,7 +130,7 @@ def masses_of(track: Track) -> Float[np.ndarray, " bodies"]:
     return np.array([body.mass for body in track.scene.bodies])
 
 
-def ratios_told(
+def ratio_observer_over_time(
     masses: Float[np.ndarray, " bodies"], pairs: Bool[np.ndarray, "times pairs"], classes: Sequence[MassClass]
 ) -> MassAnswer:
     """What the ratio observer says once these pairs have touched."""
@@ -146,21 +146,21 @@ def _watch(
     tracks: Sequence[Track],
     rngs: Sequence[np.random.Generator] | None,
     inputs: Sequence[str],
-) -> list[dict[str, Told]]:
-    """What is told of each track, by input. rngs: of the sensor's noise; None if readings have theirs."""
+) -> list[dict[str, Answers]]:
+    """Answers about each track, by input. rngs: of the sensor's noise; None if readings have theirs."""
     ends = torch.tensor([-(-len(track.times) // ENDS) * ENDS for track in tracks])
     longest = int(ends.max())
     scenes, seen = batch_scenes([track.scene for track in tracks]), record(tracks, longest)
     times = torch.tensor([*OBSERVED, longest]).minimum(ends[:, None]) - 1
     touched = find_touched(scenes, seen)
-    of_tracks: list[dict[str, Told]] = [{} for _ in tracks]
+    of_tracks: list[dict[str, Answers]] = [{} for _ in tracks]
     for given in inputs:
         watched = seen if given == "motion" else with_sensor(seen, tracks, rngs)
         known = unweighed(scenes) if given != "force_friction_unknown" else without_friction(unweighed(scenes))
         beliefs = {name: ask(model.masses, model, known, watched, times)[0] for name, model in models.items()}
         for k, track in enumerate(tracks):
             slide = masses_of(track) * track.scene.table.friction * GRAVITY
-            of_tracks[k][given] = Told(_subsets(touched, k, times[k]), {}, slide, {})
+            of_tracks[k][given] = Answers(_subsets(touched, k, times[k]), {}, slide, {})
             for name, belief in beliefs.items():
                 of_tracks[k][given].answers[name] = believed(belief).take(k)
                 if given == "force_friction_unknown":
@@ -181,7 +181,7 @@ def _observed(track: Track, pairs: Bool[np.ndarray, "times pairs"]) -> dict[str,
     classes, bodies = track.scene.classes_of_mass, len(track.scene.bodies)
     constants = (mean_guess(classes, bodies), prior_answer(classes, bodies))
     always = (MassAnswer(*(np.stack([part] * len(pairs)) for part in answer)) for answer in constants)
-    return dict(zip(OBSERVERS, (ratios_told(masses_of(track), pairs, classes), *always), strict=True))
+    return dict(zip(OBSERVERS, (ratio_observer_over_time(masses_of(track), pairs, classes), *always), strict=True))
 
 
 def _add_rows(results: Results, model: str, given: str, objects: int, scenes: Sequence[SceneMasses]) -> None:
