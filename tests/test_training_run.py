@@ -344,7 +344,7 @@ def test_two_processes_train_as_one_does_a_network_of_one_s_own(launcher: str, d
         arguments[1:3] = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", "-m", "pushgraph"]
     done = run_with_own(arguments)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("done: the weights that validated best") == 1
+    assert done.stdout.count("the weights that validated best") == 1
     example("own_network")
     first, second = (load_checkpoint(path) for path in (one, two))
     assert second.record["training"] == first.record["training"] | {"processes": 2}
