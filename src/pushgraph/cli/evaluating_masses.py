@@ -127,7 +127,8 @@ def coupled_masses(
     belief: Belief = "belief",
     workers: Workers = CORES,
 ) -> None:
-    """Predict test scenes with the masses believed after so many observed frames, beside true and mean ones.
+    """Predict test scenes with the masses believed after so many observed frames, beside true and mean ones, and those
+    of an observer who knows the exact ratios of what touched so far.
 
     Examples:
 
