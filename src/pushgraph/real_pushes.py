@@ -284,4 +284,6 @@ def depths(shape: BodyShape, points: Float[np.ndarray, "points 2"]) -> Float[np.
     """How deep points of the body's frame lie inside its outline (m); negative outside."""
     polygon = shapely.Polygon(outline_of(shape))
     places = shapely.points(points)
-    return np.where(shapely.contains(polygon, places), 1.0, -1.0) * shapely.distance(polygon.exterior, places)
+    with np.errstate(over="ignore"):  # what is too far away to be squared is infinitely far
+        distance = shapely.distance(polygon.exterior, places)
+    return np.where(shapely.contains(polygon, places), 1.0, -1.0) * distance

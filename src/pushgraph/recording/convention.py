@@ -96,7 +96,18 @@ class Convention:
         return np.column_stack((force, -wrench[:, 2] if self.mirrors else wrench[:, 2]))
 
     def apply(self, sightings: Sightings) -> Sightings:
-        """The same sightings in m, rad and s, in the world frame."""
+        """The same sightings in m, rad and s, in the world frame.
+
+        Raises TrackError if a pose is infinite.
+        """
+        infinite = np.isinf((sightings.x, sightings.y, sightings.yaw)).any(0)
+        if infinite.any():
+            row = int(infinite.argmax())
+            raise TrackError(
+                f"the pose of {sightings.names[sightings.node[row]]!r} at {sightings.time[row]:g} s is "
+                f"({sightings.x[row]:g}, {sightings.y[row]:g}, {sightings.yaw[row]:g}): it must be finite, or NaN "
+                "where the node was not seen"
+            )
         x, y, yaw = self.poses(sightings.x, sightings.y, sightings.yaw).T
         force_x, force_y, moment = self.wrench(sightings.wrench).T
         return replace(

@@ -101,9 +101,9 @@ class RunningCheckpoint:
         begun = header["recipe"]
         changed = [name for name in {*begun, *self._recipe} if begun.get(name) != self._recipe.get(name)]
         if changed:
-            said = ", ".join(f"{name} {begun.get(name)}, not {self._recipe.get(name)}" for name in sorted(changed))
+            other = ", ".join(f"{name} {begun.get(name)}, not {self._recipe.get(name)}" for name in sorted(changed))
             raise TrainingError(
-                f"{self._path}: a training with other settings: {said}. Remove it to begin anew, or name another --out"
+                f"{self._path}: a training with other settings: {other}. Remove it to begin anew, or name another --out"
             )
 
         def part(prefix: str) -> dict[str, Tensor]:
@@ -121,7 +121,8 @@ class RunningCheckpoint:
             index, key = name.split(".")
             state.setdefault(int(index), {})[key] = values
         optimizer.load_state_dict(optimizer.state_dict() | {"state": state})
-        return Progress(**header["progress"]), part("best.")
+        said = ProgressEntry(**header["progress"])
+        return Progress(said.step, said.seconds, said.losses, said.curve, said.best), part("best.")
 
 
 def _moments(optimizer: torch.optim.Optimizer) -> Iterator[tuple[str, str, Tensor]]:
