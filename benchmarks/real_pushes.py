@@ -8,7 +8,7 @@ serves all pushes; it may be chosen on the even rows of the file, and the odd on
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -73,24 +73,31 @@ def errors(ends: np.ndarray, pushes: RealPushes) -> np.ndarray:
     return errors_of(ends, pushes.after)
 
 
-def show_scan(found: dict[float, np.ndarray], poly4: np.ndarray, pushes: int) -> None:
+def reference(pushes: RealPushes) -> tuple[str, np.ndarray]:
+    """What errors are compared with, (mm, degrees): those of poly4 where the data states them, else the motion."""
+    stated = "poly4" in pushes.stated
+    return ("poly4", errors(pushes.stated["poly4"], pushes)) if stated else ("motion", errors(pushes.before, pushes))
+
+
+def show_scan(found: dict[float, np.ndarray], name: str, unit: np.ndarray, pushes: int) -> None:
     table = Table(title=f"Side friction, {pushes} pushes of even rows")
-    for name in ("side friction", "mm", "degrees", "mm / poly4", "degrees / poly4"):
-        table.add_column(name, justify="right")
+    for column in ("side friction", "mm", "degrees", f"mm / {name}", f"degrees / {name}"):
+        table.add_column(column, justify="right")
     for friction, error in found.items():
-        ratio = error.mean(0) / poly4.mean(0)
+        ratio = error.mean(0) / unit.mean(0)
         table.add_row(f"{friction:g}", *(f"{value:.2f}" for value in error.mean(0)), *(f"{r:.3f}" for r in ratio))
     Console(width=120).print(table)
 
 
-def show(title: str, ours: np.ndarray, models: Sequence[np.ndarray], motion: np.ndarray, names: np.ndarray) -> None:
+def show(title: str, ours: np.ndarray, models: Mapping[str, np.ndarray], motion: np.ndarray, names: np.ndarray) -> None:
+    unit, place = ("poly4", 2 + list(models).index("poly4")) if "poly4" in models else ("motion", 0)
     table = Table(title=title)
-    for name in ("shape", "pushes", "motion", "ours", *MODELS, "ours / poly4"):
+    for name in ("shape", "pushes", "motion", "ours", *models, f"ours / {unit}"):
         table.add_column(name, justify="right")
     for shape in (*dict.fromkeys(names.tolist()), "all"):
         of_shape = np.full(len(names), True) if shape == "all" else names == shape
-        means = [column[of_shape].mean(0) for column in (motion, ours, *models)]
-        ratio = means[1] / means[2]
+        means = [column[of_shape].mean(0) for column in (motion, ours, *models.values())]
+        ratio = means[1] / means[place]
         cells = [f"{mm:.2f} / {degrees:.2f}" for mm, degrees in means]
         table.add_row(shape, str(of_shape.sum()), *cells, f"{ratio[0]:.3f} / {ratio[1]:.3f}")
     Console(width=120).print(table)
@@ -118,14 +125,14 @@ def main(
             friction: errors(replay_all(pushes, engine, friction, workers), pushes)
             for friction in map(float, scan.split(","))
         }
-        poly4 = errors(pushes.stated["poly4"], pushes)
-        show_scan(found, poly4, len(pushes))
-        side_friction = min(found, key=lambda friction: (found[friction].mean(0) / poly4.mean(0)).sum())
+        name, unit = reference(pushes)
+        show_scan(found, name, unit, len(pushes))
+        side_friction = min(found, key=lambda friction: (found[friction].mean(0) / unit.mean(0)).sum())
     pushes = chosen(everything, names, split, count)
     show(
         title=f"Real pushes, {split} rows, {engine}, side friction {side_friction:g}: mean error, mm / degrees",
         ours=errors(replay_all(pushes, engine, side_friction, workers), pushes),
-        models=[errors(pushes.stated[model], pushes) for model in MODELS],
+        models={model: errors(pushes.stated[model], pushes) for model in MODELS if model in pushes.stated},
         motion=errors(pushes.before, pushes),
         names=pushes.shape,
     )
