@@ -20,6 +20,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import jaxtyping
 from fuzz import Mutation
 
 from pushgraph import isolation
@@ -141,6 +142,8 @@ def _read_all(pipe: Connection, kind: Kind, sound: Sequence[Path], indices: rang
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     isolation.subprocess.run = run_forked  # type: ignore[assignment]
+    # Shapes are checked by the package itself, too, in words for its users: those are what is tried here.
+    jaxtyping.config.update("jaxtyping_disable", True)
     try:
         whole = [kind.read(path) for path in sound]
     except Exception:

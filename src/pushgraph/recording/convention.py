@@ -98,16 +98,18 @@ class Convention:
     def apply(self, sightings: Sightings) -> Sightings:
         """The same sightings in m, rad and s, in the world frame.
 
-        Raises TrackError if a pose is infinite.
+        Raises TrackError if a pose or a force is infinite.
         """
-        infinite = np.isinf((sightings.x, sightings.y, sightings.yaw)).any(0)
-        if infinite.any():
-            row = int(infinite.argmax())
-            raise TrackError(
-                f"the pose of {sightings.names[sightings.node[row]]!r} at {sightings.time[row]:g} s is "
-                f"({sightings.x[row]:g}, {sightings.y[row]:g}, {sightings.yaw[row]:g}): it must be finite, or NaN "
-                "where the node was not seen"
-            )
+        for what, values in (("pose", (sightings.x, sightings.y, sightings.yaw)), ("force", sightings.wrench.T)):
+            infinite = np.isinf(values).any(0)
+            if infinite.any():
+                row = int(infinite.argmax())
+                name = sightings.names[sightings.node[row]]
+                found = ", ".join(f"{value[row]:g}" for value in values)
+                raise TrackError(
+                    f"the {what} of {name!r} at {sightings.time[row]:g} s is ({found}): "
+                    "it must be finite, or NaN where there is none"
+                )
         x, y, yaw = self.poses(sightings.x, sightings.y, sightings.yaw).T
         force_x, force_y, moment = self.wrench(sightings.wrench).T
         return replace(
