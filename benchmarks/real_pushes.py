@@ -73,32 +73,37 @@ def errors(ends: np.ndarray, pushes: RealPushes) -> np.ndarray:
     return errors_of(ends, pushes.after)
 
 
-def reference(pushes: RealPushes) -> tuple[str, np.ndarray]:
-    """What errors are compared with, (mm, degrees): those of poly4 where the data states them, else the motion."""
-    stated = "poly4" in pushes.stated
-    return ("poly4", errors(pushes.stated["poly4"], pushes)) if stated else ("motion", errors(pushes.before, pushes))
+def columns_of(pushes: RealPushes) -> dict[str, np.ndarray]:
+    """How far bodies went, and errors of other models as far as the data states their poses (mm, degrees)."""
+    stated = {model: errors(pushes.stated[model], pushes) for model in MODELS if model in pushes.stated}
+    return {"motion": errors(pushes.before, pushes)} | stated
 
 
-def show_scan(found: dict[float, np.ndarray], name: str, unit: np.ndarray, pushes: int) -> None:
-    table = Table(title=f"Side friction, {pushes} pushes of even rows")
-    for column in ("side friction", "mm", "degrees", f"mm / {name}", f"degrees / {name}"):
+def unit_of(columns: Mapping[str, np.ndarray]) -> str:
+    """What errors are divided by."""
+    return "poly4" if "poly4" in columns else "motion"
+
+
+def show_scan(found: dict[float, np.ndarray], unit: str, units: np.ndarray) -> None:
+    table = Table(title=f"Side friction, {len(units)} pushes of even rows")
+    for column in ("side friction", "mm", "degrees", f"mm / {unit}", f"degrees / {unit}"):
         table.add_column(column, justify="right")
     for friction, error in found.items():
-        ratio = error.mean(0) / unit.mean(0)
+        ratio = error.mean(0) / units.mean(0)
         table.add_row(f"{friction:g}", *(f"{value:.2f}" for value in error.mean(0)), *(f"{r:.3f}" for r in ratio))
     Console(width=120).print(table)
 
 
-def show(title: str, ours: np.ndarray, models: Mapping[str, np.ndarray], motion: np.ndarray, names: np.ndarray) -> None:
-    unit, place = ("poly4", 2 + list(models).index("poly4")) if "poly4" in models else ("motion", 0)
+def show(title: str, columns: Mapping[str, np.ndarray], names: np.ndarray) -> None:
+    unit = unit_of(columns)
     table = Table(title=title)
-    for name in ("shape", "pushes", "motion", "ours", *models, f"ours / {unit}"):
+    for name in ("shape", "pushes", *columns, f"ours / {unit}"):
         table.add_column(name, justify="right")
     for shape in (*dict.fromkeys(names.tolist()), "all"):
         of_shape = np.full(len(names), True) if shape == "all" else names == shape
-        means = [column[of_shape].mean(0) for column in (motion, ours, *models.values())]
-        ratio = means[1] / means[place]
-        cells = [f"{mm:.2f} / {degrees:.2f}" for mm, degrees in means]
+        means = {name: column[of_shape].mean(0) for name, column in columns.items()}
+        ratio = means["ours"] / means[unit]
+        cells = [f"{mm:.2f} / {degrees:.2f}" for mm, degrees in means.values()]
         table.add_row(shape, str(of_shape.sum()), *cells, f"{ratio[0]:.3f} / {ratio[1]:.3f}")
     Console(width=120).print(table)
 
@@ -125,15 +130,16 @@ def main(
             friction: errors(replay_all(pushes, engine, friction, workers), pushes)
             for friction in map(float, scan.split(","))
         }
-        name, unit = reference(pushes)
-        show_scan(found, name, unit, len(pushes))
-        side_friction = min(found, key=lambda friction: (found[friction].mean(0) / unit.mean(0)).sum())
+        columns = columns_of(pushes)
+        unit = unit_of(columns)
+        show_scan(found, unit, columns[unit])
+        side_friction = min(found, key=lambda friction: (found[friction].mean(0) / columns[unit].mean(0)).sum())
     pushes = chosen(everything, names, split, count)
+    motion, *others = columns_of(pushes).items()
+    ours = ("ours", errors(replay_all(pushes, engine, side_friction, workers), pushes))
     show(
         title=f"Real pushes, {split} rows, {engine}, side friction {side_friction:g}: mean error, mm / degrees",
-        ours=errors(replay_all(pushes, engine, side_friction, workers), pushes),
-        models={model: errors(pushes.stated[model], pushes) for model in MODELS if model in pushes.stated},
-        motion=errors(pushes.before, pushes),
+        columns=dict((motion, ours, *others)),
         names=pushes.shape,
     )
 

@@ -10,6 +10,7 @@ import pushgraph as pg
 from pushgraph import mass_memory
 from pushgraph.belief import BeliefModel
 from pushgraph.errors import BeliefError
+from pushgraph.evaluation.recording import record, watch
 from pushgraph.graph.contact_graph import GRAVITY
 from pushgraph.graph.mass_evidence import Rows, linearize
 from pushgraph.graph.scene_batch import batch_scenes
@@ -48,13 +49,9 @@ def weighed_memory(track: pg.Track, model: BeliefModel) -> mass_memory.MassMemor
     """What is remembered of the masses of a track's scene in its end."""
     scenes = batch_scenes([track.scene])
     scenes = scenes._replace(mass_known=torch.zeros_like(scenes.mass_known))
-    poses, down = torch.from_numpy(track.poses)[None], torch.from_numpy(track.down)[None]
-    everything = torch.ones(1, scenes.mass.shape[1], dtype=torch.bool)
-    watch = model.begin(scenes, poses[:, 0, 1:], poses[:, 0, 0], down[:, 0], everything, [MASS_CLASSES])
-    for k in range(1, poses.shape[1]):
-        watch = model.observe(watch, poses[:, k, 1:], poses[:, k, 0], down[:, k], everything, None)
-    assert watch.masses is not None
-    return watch.masses
+    *_, last = watch(model, scenes, record([track], len(track.times)))
+    assert last.masses is not None
+    return last.masses
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +131,14 @@ def test_without_evidence_the_answer_is_the_prior() -> None:
         assert said[0].numpy() == pytest.approx(np.full(3, expected), rel=0.05)
 
 
+def prior_density(mass: np.ndarray) -> np.ndarray:
+    """Of masses (kg), per kg."""
+    return sum(
+        share * ((mass >= one.lowest) & (mass <= one.highest)) / (one.highest - one.lowest)
+        for share, one in zip(shares_of(MASS_CLASSES), MASS_CLASSES, strict=True)
+    )
+
+
 def test_known_ratios_give_the_exact_posterior() -> None:
     """Against the integral over the common scale, of masses 9 and 1.6 kg: heavy and normal, or normal and light."""
     scenes = unweighed(9.0, 1.6)
@@ -146,13 +151,9 @@ def test_known_ratios_give_the_exact_posterior() -> None:
         chains = chains.sweep(evidence, torch.ones(1, dtype=torch.bool), number)
     answer = chains.answer(evidence, scenes)
 
-    shares = shares_of(MASS_CLASSES)
-    density = lambda mass: sum(  # noqa: E731
-        share * ((mass >= one.lowest) & (mass <= one.highest)) / (one.highest - one.lowest)
-        for share, one in zip(shares, MASS_CLASSES, strict=True)
-    )
     heavy = np.linspace(0.2, 10.0, 400_001)
-    weight = density(heavy) * density(heavy / math.exp(ratio)) * heavy  # d(ratio) = d(lighter) * heavy / lighter^2
+    # d(ratio) = d(lighter) * heavy / lighter^2
+    weight = prior_density(heavy) * prior_density(heavy / math.exp(ratio)) * heavy
     expected = [weight[(heavy >= one.lowest) & (heavy <= one.highest)].sum() / weight.sum() for one in MASS_CLASSES]
     assert answer.probabilities[0, 0].numpy() == pytest.approx(np.array(expected), abs=0.03)
     middle = heavy[np.searchsorted(weight.cumsum(), weight.sum() / 2)]
@@ -176,13 +177,8 @@ def test_pairs_cross_the_gaps_between_classes_together() -> None:
         chains = chains.sweep(evidence, torch.ones(1, dtype=torch.bool), number)
     probabilities = chains.answer(evidence, scenes).probabilities[0].numpy()
 
-    shares = shares_of(MASS_CLASSES)
     mass = np.linspace(0.2, 10.0, 2_001)
-    density = sum(
-        share * ((mass >= one.lowest) & (mass <= one.highest)) / (one.highest - one.lowest)
-        for share, one in zip(shares, MASS_CLASSES, strict=True)
-    )
-    of_pair = density**2 * mass  # two bodies of equal mass: d(log ratio) = d(mass) / mass
+    of_pair = prior_density(mass) ** 2 * mass  # two bodies of equal mass: d(log ratio) = d(mass) / mass
     apart = np.log(mass)[:, None] - np.log(mass) - ratio
     weight = np.outer(of_pair, of_pair) * np.exp(-loose / 2 * apart**2)
     for bodies, of_mass in (((0, 1), weight.sum(1)), ((2, 3), weight.sum(0))):

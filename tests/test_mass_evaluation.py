@@ -247,6 +247,10 @@ def test_true_masses_predict_best_and_every_start_is_counted(prior_belief, row_o
     # The prior's median is as uniform as its mean, and only ratios matter.
     np.testing.assert_allclose(errors["belief"], errors["mean_guess"], rtol=0.02, atol=1e-5)
     assert errors["oracle"][0] < 0.5 * errors["mean_guess"][0]
+    # Before anything has touched nobody knows a ratio; after 20 frames all three have, and only ratios matter.
+    np.testing.assert_allclose(errors["ratio_observer"][0], errors["mean_guess"][0], rtol=0.02, atol=1e-5)
+    np.testing.assert_allclose(errors["ratio_observer"][2], errors["oracle"][2], rtol=0.02, atol=1e-5)
+    assert errors["oracle"][2] < 0.5 * errors["mean_guess"][2]
     labels = {"objects": 3, "model": "oracle"}
     assert row(results, observed_frames=0, **labels) == pytest.approx(100 * errors["oracle"][0])
     ended = len(row_of_three.track.times) <= 100

@@ -1,6 +1,7 @@
 """Recordings as people have them: what is taken, what is found, what is refused, by kind."""
 
 import csv
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -309,6 +310,18 @@ def test_zeros_empty_and_nan_are_lost_tags(film, scene, tmp_path) -> None:
     assert "plate: 1 pose of 0,0,0 taken as lost at 0.25 s" in said(recording)
     assert not recording.track.seen[[5, 9], [1, 3]].any()
     assert (~recording.track.seen).sum() == 2
+
+
+def test_infinite_poses_are_lost_tags_and_infinite_forces_no_warnings() -> None:
+    convention = Convention.of(Declared(axes="y,-x"))
+    numbers = np.array([[0.1, 0.2, 0.3], [np.inf, 0.2, 0.3], [0.1, -np.inf, 0.3], [0.1, 0.2, np.inf]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        poses = convention.poses(*numbers.T)
+        wrench = convention.wrench(numbers)
+    assert np.isfinite(poses).all(-1).tolist() == [True, False, False, False]
+    assert not np.isinf(poses).any()
+    assert np.isfinite(wrench).all(-1).tolist() == [True, False, False, False]
 
 
 def test_a_body_that_stands_on_the_origin_is_not_lost(scene, film, tmp_path) -> None:

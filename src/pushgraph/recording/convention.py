@@ -82,7 +82,8 @@ class Convention:
         return float(np.linalg.det(np.array(self.world_from_axes))) < 0
 
     def poses(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], yaw: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Poses in the world, [n, 3] (m, rad)."""
+        """Poses in the world, [n, 3] (m, rad); NaN where they are infinite, which stands for a lost tag as NaN does."""
+        x, y, yaw = (np.where(np.isinf(values), np.nan, values) for values in (x, y, yaw))
         axes = np.array(self.world_from_axes)
         positions = np.stack((x, y), -1) * self.length @ axes.T
         turned = math.atan2(axes[1, 0], axes[0, 0])  # of the recording's x axis
@@ -92,24 +93,12 @@ class Convention:
 
     def wrench(self, wrench: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Forces along the world's axes, and moments counter-clockwise in them."""
-        force = pose.rotate(wrench[:, :2] @ np.array(self.world_from_axes).T, self.pose_world_from_recording[2])
+        with np.errstate(invalid="ignore"):  # infinite readings are refused later, whatever becomes of them here
+            force = pose.rotate(wrench[:, :2] @ np.array(self.world_from_axes).T, self.pose_world_from_recording[2])
         return np.column_stack((force, -wrench[:, 2] if self.mirrors else wrench[:, 2]))
 
     def apply(self, sightings: Sightings) -> Sightings:
-        """The same sightings in m, rad and s, in the world frame.
-
-        Raises TrackError if a pose or a force is infinite.
-        """
-        for what, values in (("pose", (sightings.x, sightings.y, sightings.yaw)), ("force", sightings.wrench.T)):
-            infinite = np.isinf(values).any(0)
-            if infinite.any():
-                row = int(infinite.argmax())
-                name = sightings.names[sightings.node[row]]
-                found = ", ".join(f"{value[row]:g}" for value in values)
-                raise TrackError(
-                    f"the {what} of {name!r} at {sightings.time[row]:g} s is ({found}): "
-                    "it must be finite, or NaN where there is none"
-                )
+        """The same sightings in m, rad and s, in the world frame."""
         x, y, yaw = self.poses(sightings.x, sightings.y, sightings.yaw).T
         force_x, force_y, moment = self.wrench(sightings.wrench).T
         return replace(

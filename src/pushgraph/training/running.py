@@ -121,8 +121,7 @@ class RunningCheckpoint:
             index, key = name.split(".")
             state.setdefault(int(index), {})[key] = values
         optimizer.load_state_dict(optimizer.state_dict() | {"state": state})
-        said = ProgressEntry(**header["progress"])
-        return Progress(said.step, said.seconds, said.losses, said.curve, said.best), part("best.")
+        return Progress(**ProgressEntry(**header["progress"]).model_dump()), part("best.")
 
 
 def _moments(optimizer: torch.optim.Optimizer) -> Iterator[tuple[str, str, Tensor]]:

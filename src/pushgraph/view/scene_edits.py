@@ -123,18 +123,18 @@ def move_push_end(scene: Scene, push: int, end: str, point: Sequence[float]) -> 
     place = [float(value) for value in point]
 
     def change(content: Content) -> None:
-        edited = content["pushes"][push]
-        if end == "start" and edited.get("direction") is not None:
-            edited["end"] = scene.pushes[push].waypoints[-1, :2].tolist()
+        of_push = content["pushes"][push]
+        if end == "start" and of_push.get("direction") is not None:
+            of_push["end"] = scene.pushes[push].waypoints[-1, :2].tolist()
         if end == "start":
-            edited["start"] = place
-        elif edited.get("path") is not None:
-            edited["path"][-1] = [*place, *edited["path"][-1][2:]]
+            of_push["start"] = place
+        elif of_push.get("path") is not None:
+            of_push["path"][-1] = [*place, *of_push["path"][-1][2:]]
         else:
-            edited["end"] = place
-        if edited.get("end") is not None:
-            edited.pop("direction", None)
-            edited.pop("distance", None)
+            of_push["end"] = place
+        if of_push.get("end") is not None:
+            of_push.pop("direction", None)
+            of_push.pop("distance", None)
 
     return edited(scene, change)
 

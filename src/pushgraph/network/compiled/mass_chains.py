@@ -39,9 +39,9 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     histogram[:] = 0.0
     unused = histogram[:0]
     root, clusters, sizes = tied(information, masses, free)
-    groups = np.zeros(masses, np.int64)
+    group_size = np.zeros(masses, np.int64)
     for i in range(masses):
-        groups[root[i]] += 1
+        group_size[root[i]] += 1
     alone, everyone = np.empty(1, np.int64), np.empty(variables, np.int64)
     one, signs = np.ones(1), np.ones(variables)
     room = _room(lowest.shape[1])
@@ -50,12 +50,12 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
         for i in range(variables):
             if free[i]:
                 alone[0] = i
-                answers = histogram if i < masses and groups[root[i]] == 1 else unused
+                answers = histogram if i < masses and group_size[root[i]] == 1 else unused
                 _move(x, alone, one, information, pull, lowest, highest, density, numbers, used, answers, room)
                 used += 2
         for k in range(len(sizes)):
             members = clusters[k, : sizes[k]]
-            answers = histogram if groups[root[members[0]]] == sizes[k] else unused
+            answers = histogram if group_size[root[members[0]]] == sizes[k] else unused
             _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, answers, room)
             used += 2
         friction = masses
