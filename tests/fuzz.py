@@ -303,7 +303,8 @@ def _change_array(file: h5py.File, rng: Random) -> None:
     if kind == 2:
         other = rng.choice(["i1", "u8", "c16", "f2", "?", ">f8", ">i4", "f4", "f8", "i8", "S3", "i2"])
         try:
-            file[name] = array.astype(other)
+            with np.errstate(invalid="ignore"):  # NaN as a whole number is one more damage
+                file[name] = array.astype(other)
         except (TypeError, ValueError):
             file[name] = np.zeros(array.shape, other)
     elif kind == 3:
