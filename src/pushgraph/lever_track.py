@@ -45,7 +45,8 @@ class LeverTrack:
         if self.poses.ndim != 3 or len(self.poses) == 0 or self.poses.shape[1:] != (nodes, 7):
             raise TrackError(f"poses: shape must be (frames, {nodes}, 7), got {self.poses.shape}")
         faults = ~np.isfinite(self.poses).all(-1)
-        faults |= ~(np.abs(np.linalg.norm(self.poses[..., 3:], axis=-1) - 1) <= UNIT)
+        with np.errstate(over="ignore"):  # what is too large to be squared is no unit quaternion either
+            faults |= ~(np.abs(np.linalg.norm(self.poses[..., 3:], axis=-1) - 1) <= UNIT)
         if faults.any():
             frame, node = np.argwhere(faults)[0]
             raise TrackError(
