@@ -12,7 +12,7 @@ from scenes import body, workshop
 from typer.testing import CliRunner
 
 from pushgraph import cli, pose
-from pushgraph.belief import BeliefModel, complete, watch_windows
+from pushgraph.belief import BeliefModel, watch_windows
 from pushgraph.belief_history import BeliefHistory, Watching
 from pushgraph.body import Joint
 from pushgraph.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, shipped
@@ -24,6 +24,7 @@ from pushgraph.graph.pair_evidence import FEATURES, FINE, pair_evidence
 from pushgraph.graph.scene_batch import JOINT_CODES, batch_scenes, pair_index, pairs_of
 from pushgraph.graph.state import start
 from pushgraph.graph.watching import first_look, look
+from pushgraph.joint_answers import answer_together
 from pushgraph.network.belief_network import BELIEFS, Memory, Rows
 from pushgraph.physics import PhysicsPredictor
 from pushgraph.regulator import BeliefRegulator
@@ -95,8 +96,9 @@ def test_one_frame_at_a_time_gives_the_numbers_of_whole_windows(model, tracks) -
     for frame in (0, 9, 12, 20, 39):
         answers = model.network.answer(memories[frame], rows).softmax(-1)
         begun = torch.stack([memory.relations.abs().sum((1, 2)) > 0 for memory in memories[: frame + 1]]).any(0)
-        expected = single[frame][rows.scene, rows.pair]
-        torch.testing.assert_close(answers[begun], expected[begun], atol=1e-5, rtol=1e-4)
+        of_begun = Rows(*(values[begun] for values in rows))
+        together = answer_together(scenes, answers[begun], of_begun, torch.ones(4, dtype=torch.bool)).probabilities
+        torch.testing.assert_close(together, single[frame], atol=1e-5, rtol=1e-4)
     assert single[-1].std(0).max() > 1e-4  # scenes differ
 
 
@@ -306,7 +308,7 @@ def test_known_pairs_strangers_and_chains_complete_the_probabilities() -> None:
     chosen = torch.zeros(1, 6, dtype=torch.bool)
     chosen[0, pair_index(1, 2, 4)] = True
     answers = torch.tensor([[0.1, 0.8, 0.06, 0.04]])
-    done = complete(batch, answers, Rows.of(chosen, 4), torch.ones(4, dtype=torch.bool))[0]
+    done = answer_together(batch, answers, Rows.of(chosen, 4), torch.ones(4, dtype=torch.bool)).probabilities[0]
     pair = {
         names: done[pair_index(*("abcd".index(name) for name in names), 4)] for names in ("ab", "ac", "ad", "bc", "cd")
     }

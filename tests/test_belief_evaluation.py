@@ -391,9 +391,8 @@ def test_a_belief_that_knows_everything_is_the_oracle_and_one_in_nothing_has_no_
 ) -> None:
     kind = batch_scenes([track.scene for track in tracks]).relations.kind
     kind[1] = NONE  # all is known of the first scene, nothing believed in the second
-    certain = torch.nn.functional.one_hot(kind, len(JOINT_CODES)).float()
     monkeypatch.setattr(Block, "draw", lambda block: trajectories)
-    monkeypatch.setattr(coupled_suite.BeliefModel, "probabilities", lambda model, watched: certain)
+    monkeypatch.setattr(coupled_suite.BeliefModel, "joints", lambda model, watched: kind)
     monkeypatch.setattr(coupled_suite, "STARTS", (0, 10))
     models = (("contact", "contact"), ("belief", checkpoints["belief"]))
     for scene, like in zip(predict_block(Block(OBJECTS, SEED, 0, COUNT, models)), ("oracle", "no_joint"), strict=True):

@@ -11,6 +11,7 @@ from pushgraph import pose
 from pushgraph.belief import BeliefModel
 from pushgraph.believed_joint import BelievedJoint
 from pushgraph.graph.scene_batch import JOINT_CODES
+from pushgraph.joint_answers import JointAnswers
 from pushgraph.network.belief_network import BeliefNetwork
 from pushgraph.network.dynamics import ContactDynamics
 from pushgraph.regulator import BeliefRegulator
@@ -23,8 +24,9 @@ BESIDE = np.array([0.111, 0.0, 0.0])
 
 def regulator(kind: str, monkeypatch) -> BeliefRegulator:
     """One that is sure of the kind of the joint."""
-    certain = 0.9 * np.eye(len(JOINT_CODES))[None, JOINT_CODES[kind]] + 0.1 / len(JOINT_CODES)
-    monkeypatch.setattr(BeliefRegulator, "probabilities", property(lambda _: certain))
+    code = torch.tensor([[JOINT_CODES[kind]]])
+    certain = 0.9 * torch.nn.functional.one_hot(code, len(JOINT_CODES)) + 0.1 / len(JOINT_CODES)
+    monkeypatch.setattr(BeliefModel, "answers", lambda model, watched: JointAnswers(certain, code))
     network = BeliefNetwork(hidden=8).eval().requires_grad_(False)
     return BeliefRegulator(SCENE, BeliefModel(network, ContactDynamics().eval().requires_grad_(False)))
 

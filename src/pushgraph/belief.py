@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph.array_input import Values, checked
@@ -17,9 +17,9 @@ from pushgraph.device import device_of, place_of
 from pushgraph.errors import BeliefError, CheckpointError
 from pushgraph.graph.believed import believe
 from pushgraph.graph.camera_noise import FINEST
-from pushgraph.graph.joint_truth import rigid_pairs
-from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, map_tensors, pairs_of
+from pushgraph.graph.scene_batch import JOINT_CODES, SceneBatch, batch_scenes, concatenate, map_tensors
 from pushgraph.graph.watching import Frame, View, first_look, look
+from pushgraph.joint_answers import JointAnswers, answer_together
 from pushgraph.mass_chains import MassChains, MassPosterior
 from pushgraph.mass_memory import MassMemory
 from pushgraph.mass_memory import begin as begin_masses
@@ -36,15 +36,13 @@ TRAINING_PRIOR = {"none": 0.54, "fixed": 0.14, "prismatic": 0.15, "revolute": 0.
 """Shares of the joints of neighbours in the training data, the setup `jointed`."""
 LARGEST_CAMERA_ERROR = 0.005
 """A camera that is farther off than this (m), though it does not jitter, must be calibrated."""
-STRANGERS = 0.999
-"""Joints join neighbours: probability that a pair which was never adjacent is not joined, unless by a fixed chain."""
 
 
 class Watch(NamedTuple):
     """Scenes being watched, with what is believed of them.
 
-    begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known. probabilities:
-    of every joint, if they were asked for. as_numpy: whether poses came as NumPy's, and answers shall.
+    begun: pairs whose memory has begun. masses: what is remembered of masses; None where all are known. answers: about
+    joints, if they were asked for. as_numpy: whether poses came as NumPy's, and answers shall.
     """
 
     view: View
@@ -52,7 +50,7 @@ class Watch(NamedTuple):
     objects: Float[Tensor, "bodies state"]
     begun: Bool[Tensor, "batch pairs"]
     masses: MassMemory | None
-    probabilities: Float[Tensor, "batch pairs joints"] | None = None
+    answers: JointAnswers | None = None
     as_numpy: bool = False
 
 
@@ -207,16 +205,16 @@ class BeliefModel:
 
     def _weigh(self, watch: Watch, frame: Frame, motion: Tensor, wrench: Tensor | None) -> Watch:
         """Learn about masses from a frame, bodies being joined as is likeliest."""
-        view, probabilities = watch.view, self._probabilities(watch)
-        relations, kind = view.state.relations, probabilities.argmax(-1)
-        if (kind != relations.kind).any():
-            relations = believe(view.state, kind, view.fits).relations
+        view, answers = watch.view, self.answers(watch)
+        relations = view.state.relations
+        if (answers.kind != relations.kind).any():
+            relations = believe(view.state, answers.kind, view.fits).relations
         wrench = torch.full_like(view.tool, torch.nan) if wrench is None else wrench
         memory, network = watch.masses, self.network.mass_noise
         assert memory is not None
         assert network is not None
         masses = observe_masses(memory, network, self.dynamics, frame, view, motion, relations, wrench)
-        return watch._replace(masses=masses, probabilities=probabilities)
+        return watch._replace(masses=masses, answers=answers)
 
     @torch.inference_mode()
     def masses(self, watch: Watch) -> MassPosterior:
@@ -229,19 +227,30 @@ class BeliefModel:
     @torch.inference_mode()
     def probabilities(self, watch: Watch) -> Float[Any, "batch pairs joints"]:
         """Of every joint, in the order of JOINT_CODES; bodies in one rigid piece count as fixed."""
-        probabilities = self._probabilities(watch)
-        return probabilities.cpu().numpy() if watch.as_numpy else probabilities
+        return _as_given(self.answers(watch).probabilities, watch)
 
-    def _probabilities(self, watch: Watch) -> Float[Tensor, "batch pairs joints"]:
-        if watch.probabilities is not None:
-            return watch.probabilities
+    @torch.inference_mode()
+    def joints(self, watch: Watch) -> Int[Any, "batch pairs"]:
+        """JOINT_CODES of all pairs: the likeliest that can all hold at once."""
+        return _as_given(self.answers(watch).kind, watch)
+
+    @torch.inference_mode()
+    def answers(self, watch: Watch) -> JointAnswers:
+        """About the joints of all pairs, as tensors."""
+        if watch.answers is not None:
+            return watch.answers
         bodies = watch.view.first.shape[1]
         rows = Rows.of(watch.begun, bodies)
         memory = Memory(watch.relations[rows.scene, rows.pair], watch.objects)
         answers = self.network.answer(memory, rows)
         shares = [self.prior.get(kind, 0.0) / TRAINING_PRIOR[kind] for kind in JOINT_CODES]
         weights = answers.new_tensor(shares)
-        return complete(watch.view.state.scenes, (answers + weights.log()).softmax(-1), rows, weights > 0)
+        return answer_together(watch.view.state.scenes, (answers + weights.log()).softmax(-1), rows, weights > 0)
+
+
+def _as_given(answers: Tensor, watch: Watch) -> Any:
+    """In NumPy, if poses came so."""
+    return answers.cpu().numpy() if watch.as_numpy else answers
 
 
 def _checked(
@@ -316,34 +325,3 @@ def watch_windows(
         memories.append(memory)
     return rows, active, memories
 
-
-def complete(
-    scenes: SceneBatch, answers: Float[Tensor, "rows joints"], rows: Rows, possible: Bool[Tensor, " joints"]
-) -> Float[Tensor, "batch pairs joints"]:
-    """Probabilities of all pairs: those that were answered, those that are known, and strangers.
-
-    A stranger is fixed if a chain of fixed pairs joins it: as likely as the likeliest chain. possible: joints that
-    unknown pairs may have.
-    """
-    relations, bodies = scenes.relations, scenes.mass.shape[1]
-    fixed = JOINT_CODES["fixed"]
-    stranger = possible.to(answers.dtype) * ((1 - STRANGERS) / (int(possible.sum()) - 1))
-    stranger[JOINT_CODES["none"]] = STRANGERS
-    probabilities = stranger.expand(*relations.kind.shape, -1)
-    if relations.known.any():
-        kind = torch.where(rigid_pairs(scenes.group), fixed, relations.kind)
-        given = torch.eye(len(JOINT_CODES), dtype=answers.dtype, device=answers.device)[kind]
-        probabilities = torch.where(relations.known[..., None], given, probabilities)
-    probabilities = probabilities.index_put((rows.scene, rows.pair), answers)
-    settled = relations.known.index_put((rows.scene, rows.pair), torch.ones_like(rows.scene, dtype=torch.bool))
-
-    a, b = pairs_of(bodies, answers.device)
-    direct = probabilities[..., fixed]
-    between = torch.eye(bodies, dtype=answers.dtype, device=answers.device).repeat(len(direct), 1, 1)
-    between[:, a, b] = between[:, b, a] = torch.where(settled, direct, 0.0)
-    for _ in range(max(1, math.ceil(math.log2(bodies - 1)))):  # chains of up to 2, 4, 8 ... pairs
-        between = (between.unsqueeze(3) * between.unsqueeze(1)).amax(2)
-    chained = torch.maximum(between[:, a, b], direct)
-    others = probabilities * ((1 - chained) / (1 - direct).clamp(min=1e-9))[..., None]
-    others[..., fixed] = chained
-    return torch.where(settled[..., None], probabilities, others)

@@ -162,7 +162,7 @@ class MassChains(NamedTuple):
         after = []
         rng = np.random.default_rng(number)
         for _ in range(moves):
-            samples, uniforms = samples.copy(), rng.random((CHAINS, 4 * variables + 2))
+            samples, uniforms = samples.copy(), rng.random((CHAINS, 7 * variables + 2))
             for k in np.flatnonzero(changed):
                 sweep(
                     *(samples[k], information[k], pull[k], lowest[k], highest[k], density[k], free[k]),

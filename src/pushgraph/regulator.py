@@ -7,7 +7,7 @@ from typing import get_args
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pushgraph import pose
@@ -188,10 +188,7 @@ class BeliefRegulator:
         """
         view = self._watched.view
         state = view.state
-        kind = self.model.probabilities(self._watched).argmax(-1)
-        for row, code in self._corrected.items():
-            kind[0, row] = code
-        relations = believe(state, kind, view.fits).relations
+        relations = believe(state, self._kinds(), view.fits).relations
         masses = {mass.body: mass.mass[0] for mass in self.masses()}
         poses = parted(self.original, state.poses[0, : len(self.original.bodies)].cpu().numpy())
         bodies = tuple(
@@ -204,7 +201,7 @@ class BeliefRegulator:
         return scene if self._pushes is None else self._pushes.apply_to(scene)
 
     def joints(self) -> list[BelievedJoint]:
-        """Where the joints sit that are believed now: of every pair that is likelier joined than not, and not given."""
+        """Where the joints sit that are believed now, the likeliest that can all hold at once; of pairs not given."""
         view, probabilities = self._watched.view, self.probabilities
         places = joint_places(view.state, view.fits)
         relations, poses = view.state.relations, view.state.poses[0].cpu().numpy()
@@ -215,9 +212,17 @@ class BeliefRegulator:
             BelievedJoint.of(
                 self.pairs[row], kinds[code], float(probabilities[row, code]), places, row, poses[parents[row]]
             )
-            for row, code in enumerate(probabilities.argmax(-1).tolist())
+            for row, code in enumerate(self._kinds()[0, : len(self.pairs)].tolist())
             if code and unknown[row]
         ]
+
+    def _kinds(self) -> Int[Tensor, "1 pairs"]:
+        """JOINT_CODES of all pairs, as they are believed now and corrected."""
+        with single_threaded():
+            kind = self.model.joints(self._watched).clone()
+        for row, code in self._corrected.items():
+            kind[0, row] = code
+        return kind
 
     def masses(self) -> list[BelievedMass]:
         """What is believed of the masses of bodies that the scene does not tell (or of all, if they are weighed)."""

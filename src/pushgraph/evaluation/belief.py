@@ -43,8 +43,9 @@ INFORMED = "informed"
 class Answers(NamedTuple):
     """What was answered about the pairs of a scene after each of OBSERVED.
 
-    likeliest: JOINT_CODES. closed: the same with the closure of fixed. of_pieces: as `between_pieces` has them. top:
-    probability of the likeliest; nothing can be asked of `informed` there.
+    likeliest: JOINT_CODES, pair by pair. closed: the likeliest that hold together, with the closure of fixed.
+    of_pieces: those as `between_pieces` has them. top: probability of the likeliest; nothing can be asked of `informed`
+    there.
     """
 
     likeliest: Int[np.ndarray, "times pairs"]
@@ -139,12 +140,12 @@ def answer_block(block: Block) -> list[SceneAnswers]:
     watched, all_times = concatenate([scenes] * len(NOISES)), times.repeat(len(NOISES), 1)
     for name, path in block.models:
         model = BeliefModel.load(path)
-        probabilities, end = ask(model.probabilities, model, unaware(watched), noisy, all_times)
+        (probabilities, kinds), end = ask(model.answers, model, unaware(watched), noisy, all_times)
         top, likeliest = probabilities.max(-1)
         errors = place_errors(watched.relations, joint_places(end.view.state, end.view.fits))
-        of_noises = (values.chunk(len(NOISES)) for values in (likeliest, top, *errors))
-        for noise, kind, certain, *error in zip(NOISES, *of_noises, strict=True):
-            answers[name, noise] = Answers(*_arrays(kind, close(scenes, kind), _of_pieces(scenes, kind), certain))
+        of_noises = (values.chunk(len(NOISES)) for values in (likeliest, top, kinds, *errors))
+        for noise, by_pair, certain, kind, *error in zip(NOISES, *of_noises, strict=True):
+            answers[name, noise] = Answers(*_arrays(by_pair, close(scenes, kind), _of_pieces(scenes, kind), certain))
             places[name, noise] = PlaceErrors(*_arrays(*error))
     return [
         SceneAnswers(

@@ -94,7 +94,7 @@ def predict_block(block: Block) -> list[CoupledErrors]:
     assumed: list[list[SceneBatch]] = []
     for frame, watched in zip(range(max(STARTS) + 1), watch(belief, unaware(scenes), seen), strict=False):
         if frame in STARTS:
-            kind, view = belief.probabilities(watched).argmax(-1), watched.view
+            kind, view = belief.joints(watched), watched.view
             believed = believe(view.state, kind, view.fits).relations
             relations = {"belief": believed} | assumptions(scenes, seen.bodies[:, : frame + 1])
             assumed.append([scenes._replace(relations=relations[model]) for model in MODELS])

@@ -152,7 +152,7 @@ def _starts(scenes: SceneBatch, seen: Recording, belief: BeliefModel) -> Iterato
     for frame, watched in zip(range(max(OBSERVED) + 1), watch(belief, unaware(scenes), seen), strict=False):
         if frame in OBSERVED:
             probabilities = belief.probabilities(watched)
-            relations = believe(watched.view.state, probabilities.argmax(-1), watched.view.fits).relations
+            relations = believe(watched.view.state, belief.joints(watched), watched.view.fits).relations
             motions = seen.bodies[:, frame] - seen.bodies[:, max(frame - 1, 0)]
             state = State(scenes, seen.bodies[:, frame], motions, relations)
             yield Condition("believed", frame, "known"), state, doubt_of(scenes, relations, probabilities)

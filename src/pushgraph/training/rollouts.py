@@ -149,7 +149,7 @@ def predicted_as_believed(
     scenes = batch_scenes([track.scene for track in tracks])
     watched = _watched(belief, unaware(scenes), _stretches(tracks, [0] * len(tracks), first + 1, scenes.mass.shape[1]))
     probabilities = belief.probabilities(watched)
-    relations = believe(watched.view.state, probabilities.argmax(-1), watched.view.fits).relations
+    relations = believe(watched.view.state, belief.joints(watched), watched.view.fits).relations
     if withheld is not None:
         scenes = withhold_values(scenes, withheld)
     seen = _stretches(tracks, [first] * len(tracks), frames, scenes.mass.shape[1])

@@ -3,8 +3,9 @@
 Variables are the logarithms of masses (kg), and last that of the table's friction. Every variable is drawn given all
 others, in turn; then bodies whose ratios the evidence ties move together along their common scale, first the two that
 are tied most firmly, in the end all that are tied, whose scale motion leaves open (every force scales with mass).
-Between two classes of mass there are gaps, which bodies that are tied can only cross together. Then, where forces were
-measured, all of them move against the friction.
+Between two classes of mass there are gaps, which bodies that are tied can only cross together. What is known is not
+always a ratio of two: so, too, one body of each cluster goes ahead, and the others follow as evidence has it. Then,
+where forces were measured, all of them move against the friction.
 """
 
 import math
@@ -20,6 +21,8 @@ SPAN = 5.0
 TIED = 0.05
 """Bodies, or clusters of them, that are correlated by this much in the evidence move together."""
 MOST_INTERVALS = 64
+RIDGE, LEAST_KNOWN = 1e-6, 1e-3
+"""What is added to information before it is inverted: a share of it, and an amount."""
 SMALLEST = 1e-9
 """Widens intervals by so much, so that rounding does not empty them."""
 
@@ -31,7 +34,7 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     chains [chains variables]. information, pull: of the Gaussian, [variables variables] and [variables]. lowest,
     highest: bounds of the classes of each variable, logarithms, [variables classes], in rising order; density:
     logarithm of each class's share over its width. free: variables that are not known. uniforms [chains numbers], at
-    least four for each variable. histogram [masses bins]: equal parts of the classes, one class after the other; it
+    least seven for each variable. histogram [masses bins]: equal parts of the classes, one class after the other; it
     has no rows where nobody asks for it.
     """
     count, variables = chains.shape
@@ -43,7 +46,8 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
     for i in range(masses):
         group_size[root[i]] += 1
     alone, everyone = np.empty(1, np.int64), np.empty(variables, np.int64)
-    one, signs = np.ones(1), np.ones(variables)
+    one, ahead = np.ones(1), np.ones(variables)
+    follow = _followers(information, clusters, sizes)
     room = _room(lowest.shape[1])
     for chain in range(count):
         x, numbers, used = chains[chain], uniforms[chain], 0
@@ -56,7 +60,13 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
         for k in range(len(sizes)):
             members = clusters[k, : sizes[k]]
             answers = histogram if group_size[root[members[0]]] == sizes[k] else unused
-            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, answers, room)
+            _move(x, members, ahead, information, pull, lowest, highest, density, numbers, used, answers, room)
+            leader = int(numbers[used + 2] * sizes[k])
+            used += 3
+            _move(
+                *(x, members, follow[k, leader], information, pull, lowest, highest, density, numbers, used),
+                *(unused, room),
+            )
             used += 2
         friction = masses
         if free[friction] and information[friction, friction] > 0.0:
@@ -66,10 +76,10 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
                     everyone[size] = i
                     size += 1
             everyone[size] = friction
-            signs[size] = -1.0
+            ahead[size] = -1.0
             members = everyone[: size + 1]
-            _move(x, members, signs, information, pull, lowest, highest, density, numbers, used, unused, room)
-            signs[size] = 1.0
+            _move(x, members, ahead, information, pull, lowest, highest, density, numbers, used, unused, room)
+            ahead[size] = 1.0
     histogram /= count
 
 
@@ -107,24 +117,44 @@ def tied(information, masses, free):
 
 
 @compiled
+def _followers(information, clusters, sizes):
+    """How far each member of a cluster follows where one of them goes ahead by 1, so that the evidence changes least;
+    [clusters leader member]. What nothing is known of stays."""
+    masses = clusters.shape[1]
+    follow = np.zeros((len(sizes), masses, masses))
+    for k in range(len(sizes)):
+        size = sizes[k]
+        known = np.empty((size, size))
+        for a in range(size):
+            for b in range(size):
+                known[a, b] = information[clusters[k, a], clusters[k, b]]
+            known[a, a] = known[a, a] * (1 + RIDGE) + LEAST_KNOWN
+        uncertain = np.linalg.inv(known)
+        for leader in range(size):
+            for member in range(size):
+                follow[k, leader, member] = uncertain[member, leader] / uncertain[leader, leader]
+    return follow
+
+
+@compiled
 def _room(classes):
     """Room for intervals (two sets of lowest, highest, logarithm of weight) and for cells (place, width, weight)."""
     return np.empty((2, 3, MOST_INTERVALS)), np.empty((3, MOST_INTERVALS * CELLS))
 
 
 @compiled
-def _move(x, members, signs, information, pull, lowest, highest, density, uniforms, used, histogram, room):
-    """Draw a step s along x_i + sign_i s of all members given everything else, and take it."""
+def _move(x, members, direction, information, pull, lowest, highest, density, uniforms, used, histogram, room):
+    """Draw a step s along x_i + direction_i s of all members given everything else, and take it."""
     curvature, slope = 0.0, 0.0
     for m in range(len(members)):
-        i, sign = members[m], signs[m]
+        i = members[m]
         force = pull[i]
         for j in range(len(x)):
             force -= information[i, j] * x[j]
-        slope += sign * (force + 1.0)  # masses are spread evenly, so their logarithms more densely the larger they are
+        slope += direction[m] * (force + 1.0)  # masses are spread evenly, so their logarithms more densely the larger they are
         for n in range(len(members)):
-            curvature += sign * signs[n] * information[i, members[n]]
-    intervals, found = _intervals(x, members, signs, lowest, highest, density, room[0])
+            curvature += direction[m] * direction[n] * information[i, members[n]]
+    intervals, found = _intervals(x, members, direction, lowest, highest, density, room[0])
     cells = _cells(intervals, found, max(curvature, 0.0), slope, room[1])
     if cells == 0:
         return
@@ -145,14 +175,14 @@ def _move(x, members, signs, information, pull, lowest, highest, density, unifor
             continue
         for k in range(cells):
             if weight[k] > 1e-6 * total:
-                histogram[i, _bin(x[i] + signs[m] * place[k], lowest[i], highest[i], bins)] += weight[k] / total
+                histogram[i, _bin(x[i] + direction[m] * place[k], lowest[i], highest[i], bins)] += weight[k] / total
     step = place[chosen] + (uniforms[used + 1] - 0.5) * width[chosen]
     for m in range(len(members)):
-        x[members[m]] += signs[m] * step
+        x[members[m]] += direction[m] * step
 
 
 @compiled
-def _intervals(x, members, signs, lowest, highest, density, room):
+def _intervals(x, members, direction, lowest, highest, density, room):
     """Steps at which every member stays within one of its classes: their bounds, and logarithms of their weight."""
     old, new = room[0], room[1]
     old[0, 0], old[1, 0], old[2, 0] = -math.inf, math.inf, 0.0
@@ -163,10 +193,14 @@ def _intervals(x, members, signs, lowest, highest, density, room):
             for c in range(lowest.shape[1]):
                 if not lowest[i, c] < highest[i, c]:
                     continue
-                first, last = lowest[i, c] - x[i], highest[i, c] - x[i]
-                if signs[m] < 0:
-                    first, last = -last, -first
-                first, last = max(first - SMALLEST, old[0, k]), min(last + SMALLEST, old[1, k])
+                first, last = lowest[i, c] - SMALLEST - x[i], highest[i, c] + SMALLEST - x[i]
+                if abs(direction[m]) > SMALLEST:
+                    first, last = first / direction[m], last / direction[m]
+                    first, last = max(min(first, last), old[0, k]), min(max(first, last), old[1, k])
+                elif first <= 0.0 <= last:
+                    first, last = old[0, k], old[1, k]
+                else:
+                    continue
                 if first < last and count < MOST_INTERVALS:
                     new[0, count], new[1, count], new[2, count] = first, last, old[2, k] + density[i, c]
                     count += 1
