@@ -19,7 +19,9 @@ CHAINS = 32
 BINS = 16
 """Answers tell apart so many equal parts of every class."""
 ASKED = 24
-"""An answer is the mean of so many moves of all chains."""
+"""An answer is the mean of so many moves of all chains, after they were drawn anew."""
+SHARES = np.geomspace(1e-5, 1.0, 39)
+"""Shares of the evidence that count, one after the other, while chains are drawn anew."""
 FRICTION = (0.2, 0.6)
 """Between which the table's friction is taken to lie if it is unknown."""
 LEVELS = (0.5, 0.16, 0.84)
@@ -84,10 +86,11 @@ class MassPriors(NamedTuple):
 
 
 class MassChains(NamedTuple):
-    """Samples of the variables of scenes, which follow what is believed."""
+    """Samples of the variables of scenes, which follow what is believed. of_prior: those of the prior."""
 
     priors: MassPriors
     samples: Float[np.ndarray, "batch chains variables"]
+    of_prior: Float[np.ndarray, "batch chains variables"]
 
     @classmethod
     def begin(cls, scenes: SceneBatch, classes: Sequence[Sequence[MassClass]]) -> "MassChains":
@@ -105,7 +108,8 @@ class MassChains(NamedTuple):
             for values in (priors.lowest, priors.highest)
         )
         drawn = np.log(lowest + (highest - lowest) * uniforms[None, ..., 1:])[..., 0]
-        return cls(priors, np.where(priors.free[:, None], drawn, known[:, None]))
+        samples = np.where(priors.free[:, None], drawn, known[:, None])
+        return cls(priors, samples, samples)
 
     def groups(self, evidence: Evidence) -> Int[np.ndarray, "batch bodies"]:
         """For each body the first of those whose mass relative to its own is known; itself, if there is none."""
@@ -124,10 +128,31 @@ class MassChains(NamedTuple):
         moved, _ = self._moved(evidence, changed.cpu().numpy(), 1, number, counted=0)
         return self._replace(samples=moved[-1])
 
+    def draw_anew(self, evidence: Evidence, changed: Bool[Tensor, " batch"], number: int) -> "MassChains":
+        """Draw the chains of some scenes from the prior on. number: of this draw, which settles the random numbers.
+
+        However long they are moved, some stay in classes where they began when less was known.
+        """
+        # Compiled code takes half a second to import.
+        from pushgraph.network.compiled.mass_chains import anneal
+
+        information, pull = (values.detach().cpu().numpy() for values in evidence)
+        samples, (lowest, highest, density, free, _) = self.samples.copy(), self.priors
+        _, _, variables = samples.shape
+        uniforms = np.random.default_rng(number).random((len(SHARES), CHAINS, _numbers(variables)))
+        for k in np.flatnonzero(changed.cpu().numpy()):
+            samples[k] = self.of_prior[k]
+            anneal(
+                *(samples[k], information[k], pull[k], lowest[k], highest[k], density[k], free[k]),
+                *(uniforms, SHARES),
+            )
+        return self._replace(samples=samples)
+
     def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassPosterior:
-        """What the chains say, after some moves more."""
+        """What is believed, by chains drawn anew."""
         batch, bodies = scenes.mass.shape
-        moves, histogram = self._moved(evidence, np.ones(batch, bool), ASKED, 0, counted=bodies)
+        drawn = self.draw_anew(evidence, torch.ones(batch, dtype=torch.bool), 0)
+        moves, histogram = drawn._moved(evidence, np.ones(batch, bool), ASKED, 0, counted=bodies)
         samples = np.concatenate(moves, 1)
         classes = self.priors.lowest.shape[-1]
         parts = histogram.reshape(batch, bodies, classes, BINS)
@@ -162,7 +187,7 @@ class MassChains(NamedTuple):
         after = []
         rng = np.random.default_rng(number)
         for _ in range(moves):
-            samples, uniforms = samples.copy(), rng.random((CHAINS, 7 * variables + 2))
+            samples, uniforms = samples.copy(), rng.random((CHAINS, _numbers(variables)))
             for k in np.flatnonzero(changed):
                 sweep(
                     *(samples[k], information[k], pull[k], lowest[k], highest[k], density[k], free[k]),
@@ -171,6 +196,11 @@ class MassChains(NamedTuple):
                 total[k] += histogram / moves
             after.append(samples)
         return after, total
+
+
+def _numbers(variables: int) -> int:
+    """Random numbers that a move of a chain takes at most."""
+    return 7 * variables + 2
 
 
 def _quantiles(priors: MassPriors, parts: Float[np.ndarray, "batch bodies classes bins"]) -> list[np.ndarray]:

@@ -29,6 +29,8 @@ KEPT = 64
 AGAIN, STALE = 4, 0.02
 """So many at most are looked at again in a frame: those whose evidence is the farthest from the masses that are assumed
 now, in squared standard deviations of what the frame shows, if it is at least so far."""
+ANEW = 10
+"""In every so many frames chains are drawn anew instead of moved."""
 TELLING = 1e-2
 """Frames with less information on masses than this are not kept."""
 PRIOR_SPREAD = 1.4
@@ -227,7 +229,8 @@ def observe(
 
     first = map_tensors(lambda values: values[:batch], linearized)
     after = track(memory.tracked, first, map_tensors(lambda values: values[:batch], off))
-    chains = memory.chains.sweep(total, telling, memory.frames)
+    move = memory.chains.sweep if memory.frames % ANEW else memory.chains.draw_anew
+    chains = move(total, telling, memory.frames)
     log_mass = torch.where(telling[:, None], chains.mean().to(telling.device), memory.log_mass)
     after = about(after, log_mass - memory.log_mass)
     if not telling.all():

@@ -84,6 +84,40 @@ def sweep(chains, information, pull, lowest, highest, density, free, uniforms, h
 
 
 @compiled
+def anneal(chains, information, pull, lowest, highest, density, free, uniforms, shares):
+    """Make samples of the prior into samples of what is believed (sequential Monte Carlo, Del Moral et al. 2006).
+
+    Evidence counts by shares that rise to 1. Each time chains are drawn from among themselves, as likely as what was
+    added makes them, and moved. Chains that stand in the wrong classes give way before the gaps between them are too
+    deep to cross. For the rest see `sweep`; uniforms [shares chains numbers].
+    """
+    nobody = np.zeros((0, lowest.shape[1]))
+    before = 0.0
+    for k in range(len(shares)):
+        _resample(chains, information, pull, shares[k] - before, uniforms[k, 0, -1])
+        before = shares[k]
+        sweep(chains, before * information, before * pull, lowest, highest, density, free, uniforms[k], nobody)
+
+
+@compiled
+def _resample(chains, information, pull, share, uniform):
+    """Draw as many chains from among them, in proportion to how likely this share of the evidence makes them."""
+    count = len(chains)
+    weight = np.empty(count)
+    for chain in range(count):
+        x = chains[chain]
+        weight[chain] = share * (pull @ x - x @ (information @ x) / 2)
+    weight = np.exp(weight - weight.max())
+    weight /= weight.sum()
+    old, upto, chosen = chains.copy(), weight[0], 0
+    for chain in range(count):
+        while upto < (chain + uniform) / count and chosen < count - 1:
+            chosen += 1
+            upto += weight[chosen]
+        chains[chain] = old[chosen]
+
+
+@compiled
 def tied(information, masses, free):
     """Which of the first `masses` variables evidence ties to each other.
 
@@ -151,7 +185,8 @@ def _move(x, members, direction, information, pull, lowest, highest, density, un
         force = pull[i]
         for j in range(len(x)):
             force -= information[i, j] * x[j]
-        slope += direction[m] * (force + 1.0)  # masses are spread evenly, so their logarithms more densely the larger they are
+        # Masses are spread evenly, so their logarithms more densely the larger they are.
+        slope += direction[m] * (force + 1.0)
         for n in range(len(members)):
             curvature += direction[m] * direction[n] * information[i, members[n]]
     intervals, found = _intervals(x, members, direction, lowest, highest, density, room[0])
