@@ -160,10 +160,26 @@ def test_known_ratios_give_the_exact_posterior() -> None:
     assert float(answer.median[0, 0]) == pytest.approx(middle, rel=0.03)
 
 
-def test_pairs_cross_the_gaps_between_classes_together() -> None:
+def shares_of_moves(chains: MassChains, evidence: Evidence) -> np.ndarray:
+    """Share of each class in samples that are moved from the prior on, [bodies classes]."""
+    every, samples = torch.ones(1, dtype=torch.bool), []
+    for number in range(600):
+        chains = chains.sweep(evidence, every, number)
+        samples.append(chains.samples[0, :, :-1])
+    weights = np.exp(np.concatenate(samples[100:]))[..., None]
+    lowest, highest = ([getattr(one, end) for one in MASS_CLASSES] for end in ("lowest", "highest"))
+    return ((weights > np.array(lowest) - 1e-6) & (weights < np.array(highest) + 1e-6)).mean(0)
+
+
+def shares_answered(chains: MassChains, evidence: Evidence) -> np.ndarray:
+    """Probability of each class, as it is answered, [bodies classes]."""
+    return chains.answer(evidence, unweighed(*[1.0] * (chains.samples.shape[-1] - 1))).probabilities[0].numpy()
+
+
+@pytest.mark.parametrize("shares", [shares_of_moves, shares_answered])
+def test_pairs_cross_the_gaps_between_classes_together(shares) -> None:
     """Two pairs of equal bodies, 9 and 1.5 kg, each tied firmly, and one to the other loosely: against the integral
     over the two masses. Evidence comes all at once, so chains begin with pairs of any class."""
-    scenes = unweighed(9.0, 9.0, 1.5, 1.5)
     firm, loose = 1e5, 50.0
     first, second, between = (
         torch.tensor(row).double() for row in ([1.0, -1, 0, 0, 0], [0, 0, 1.0, -1, 0], [1.0, 0, -1, 0, 0])
@@ -172,20 +188,35 @@ def test_pairs_cross_the_gaps_between_classes_together() -> None:
     information = firm * (torch.outer(first, first) + torch.outer(second, second))
     information += loose * torch.outer(between, between)
     evidence = Evidence(information[None], (loose * ratio * between)[None])
-    chains = MassChains.begin(scenes, [MASS_CLASSES])
-    for number in range(64):
-        chains = chains.sweep(evidence, torch.ones(1, dtype=torch.bool), number)
-    probabilities = chains.answer(evidence, scenes).probabilities[0].numpy()
+    probabilities = shares(MassChains.begin(unweighed(9.0, 9.0, 1.5, 1.5), [MASS_CLASSES]), evidence)
 
     mass = np.linspace(0.2, 10.0, 2_001)
     of_pair = prior_density(mass) ** 2 * mass  # two bodies of equal mass: d(log ratio) = d(mass) / mass
     apart = np.log(mass)[:, None] - np.log(mass) - ratio
     weight = np.outer(of_pair, of_pair) * np.exp(-loose / 2 * apart**2)
     for bodies, of_mass in (((0, 1), weight.sum(1)), ((2, 3), weight.sum(0))):
-        expected = [of_mass[(mass >= one.lowest) & (mass <= one.highest)].sum() for one in MASS_CLASSES]
-        expected = np.array(expected) / weight.sum()
+        expected = of_classes(mass, of_mass)
         for body in bodies:
             assert probabilities[body] == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("shares", [shares_of_moves, shares_answered])
+def test_what_is_known_of_three_at_once_is_followed_across_the_gaps(shares) -> None:
+    """Of the third only that it is the geometric mean of the others: against the integral over those two."""
+    firm, row = 1e4, torch.tensor([1.0, 1.0, -2.0, 0.0]).double()
+    evidence = Evidence((firm * torch.outer(row, row))[None], torch.zeros(1, 4).double())
+    probabilities = shares(MassChains.begin(unweighed(9.0, 0.3, 1.64), [MASS_CLASSES]), evidence)
+    mass = np.linspace(0.2, 10.0, 2_001)
+    mean = np.sqrt(np.outer(mass, mass))
+    weight = np.outer(prior_density(mass), prior_density(mass)) * prior_density(mean) * mean
+    of_first, of_mean = of_classes(mass, weight.sum(1)), of_classes(mean.ravel(), weight.ravel())
+    for body, expected in ((0, of_first), (1, of_first), (2, of_mean)):
+        assert probabilities[body] == pytest.approx(expected, abs=0.03)
+
+
+def of_classes(mass: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Share of the weight in each class."""
+    return np.array([weight[(mass >= one.lowest) & (mass <= one.highest)].sum() for one in MASS_CLASSES]) / weight.sum()
 
 
 def test_a_body_pushed_alone_shows_nothing_of_its_mass(model: BeliefModel) -> None:
