@@ -324,4 +324,3 @@ def watch_windows(
         memory = network.step(memory, rows, encoded[k], active[k], moved[k])
         memories.append(memory)
     return rows, active, memories
-

@@ -105,8 +105,13 @@ def _resample(chains, information, pull, share, uniform):
     count = len(chains)
     weight = np.empty(count)
     for chain in range(count):
-        x = chains[chain]
-        weight[chain] = share * (pull @ x - x @ (information @ x) / 2)
+        x, total = chains[chain], 0.0
+        for i in range(len(x)):
+            force = pull[i]
+            for j in range(len(x)):
+                force -= information[i, j] * x[j] / 2
+            total += force * x[i]
+        weight[chain] = share * total
     weight = np.exp(weight - weight.max())
     weight /= weight.sum()
     old, upto, chosen = chains.copy(), weight[0], 0
@@ -163,11 +168,28 @@ def _followers(information, clusters, sizes):
             for b in range(size):
                 known[a, b] = information[clusters[k, a], clusters[k, b]]
             known[a, a] = known[a, a] * (1 + RIDGE) + LEAST_KNOWN
-        uncertain = np.linalg.inv(known)
+        _invert(known)
         for leader in range(size):
             for member in range(size):
-                follow[k, leader, member] = uncertain[member, leader] / uncertain[leader, leader]
+                follow[k, leader, member] = known[member, leader] / known[leader, leader]
     return follow
+
+
+@compiled
+def _invert(matrix):
+    """Invert a positive definite matrix in place, by Gauss and Jordan. NumPy's, compiled, would need SciPy."""
+    size = len(matrix)
+    for k in range(size):
+        pivot = 1 / matrix[k, k]
+        matrix[k, k] = 1.0
+        for j in range(size):
+            matrix[k, j] *= pivot
+        for i in range(size):
+            if i != k:
+                factor = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(size):
+                    matrix[i, j] -= factor * matrix[k, j]
 
 
 @compiled
