@@ -76,6 +76,7 @@ ORDER = [
     "adaptation",
     "lever_physics",
     "mass_chains",
+    "joint_answers",
     "mass_memory",
     "belief",
     "believed_joint",

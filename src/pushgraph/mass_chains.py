@@ -151,7 +151,7 @@ class MassChains(NamedTuple):
     def answer(self, evidence: Evidence, scenes: SceneBatch) -> MassPosterior:
         """What is believed, by chains drawn anew."""
         batch, bodies = scenes.mass.shape
-        drawn = self.draw_anew(evidence, torch.ones(batch, dtype=torch.bool), 0)
+        drawn = self.draw_anew(evidence, torch.from_numpy(np.ones(batch, bool)), 0)
         moves, histogram = drawn._moved(evidence, np.ones(batch, bool), ASKED, 0, counted=bodies)
         samples = np.concatenate(moves, 1)
         classes = self.priors.lowest.shape[-1]
