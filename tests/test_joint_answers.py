@@ -133,3 +133,14 @@ def test_other_joints_share_what_is_left_and_kinds_hold_together() -> None:
     hinge, none = believed.probabilities[0, 1, [JOINT_CODES["revolute"], JOINT_CODES["none"]]]
     assert float(hinge / none) == pytest.approx(4.0, rel=1e-5)
     assert believed.kind.tolist() == [[JOINT_CODES["fixed"]] * 3]
+
+
+def test_a_pair_without_a_joint_of_its_own_may_be_fixed_by_way_of_others() -> None:
+    batch = batch_scenes([Scene(bodies=tuple(body(name, 0.3 * k, 0.0) for k, name in enumerate("abc")))])
+    known = torch.tensor([[False, True, False]])  # ab ac bc: the scene says that nothing joins a to c directly
+    batch = batch._replace(relations=batch.relations._replace(known=known))
+    answers = torch.tensor([[0.1, 0.9, 0.0, 0.0], [0.2, 0.8, 0.0, 0.0]])
+    believed = answer_together(batch, answers, Rows.of(~known, 3), torch.ones(4, dtype=torch.bool))
+    torch.testing.assert_close(believed.probabilities[0, [0, 2]], answers)
+    assert believed.probabilities[0, 1].tolist() == [1, 0, 0, 0]
+    assert believed.kind.tolist() == [[JOINT_CODES["fixed"], JOINT_CODES["none"], JOINT_CODES["fixed"]]]

@@ -49,18 +49,23 @@ def answer_together(
         given = torch.eye(len(JOINT_CODES), dtype=answers.dtype, device=answers.device)[kind]
         alone = torch.where(relations.known[..., None], given, alone)
     alone = alone.index_put((rows.scene, rows.pair), answers)
-    said = relations.known.index_put((rows.scene, rows.pair), torch.ones_like(rows.scene, dtype=torch.bool))
+    answered = torch.zeros_like(relations.known)
+    answered[rows.scene, rows.pair] = True
 
     apart = alone.clone()
     apart[..., fixed] = -1.0
     likeliest_apart = apart.max(-1)
     direct = alone[..., fixed]
+    # That a scene names no joint between two bodies does not say that no others fix them to each other.
+    said = answered | (relations.known & (direct == 1))
     together, in_piece = np.zeros(direct.shape), np.zeros(direct.shape, bool)
     inputs = (values.double().cpu().numpy() for values in (direct, likeliest_apart.values))
     fixed_pieces(*inputs, said.cpu().numpy(), scenes.mass.shape[1], together, in_piece)
     joined = torch.from_numpy(together).to(alone)
-    joined = torch.where(said, joined, torch.maximum(joined, direct))
+    joined = torch.where(answered, joined, torch.maximum(joined, direct))
+    joined = torch.where(relations.known & ~answered, direct, joined)
     probabilities = alone * ((1 - joined) / (1 - direct).clamp(min=1e-9))[..., None]
     probabilities[..., fixed] = joined
     kind = torch.where(torch.from_numpy(in_piece).to(said.device), fixed, likeliest_apart.indices)
+    kind = torch.where(relations.known & ~answered, alone.argmax(-1), kind)
     return JointAnswers(probabilities, kind)
